@@ -17,8 +17,8 @@ def gaps(stamps_s: np.ndarray) -> list[int]:
     for k, stamp_s in enumerate(stamps_s.tolist()):
         pose = planar_to_matrix([0.5 * k, 0.0, 0.0])
         motion = Motion(pose, np.eye(6) * 1e-4, LaserTracking("matched", 1.0))
-        _, constraint, _ = selector.consider(Frame(round(1e9 * stamp_s), pose), motion)
-        by = None if constraint is None else constraint.source
+        _, step, _ = selector.consider(Frame(round(1e9 * stamp_s), pose), motion)
+        by = None if step is None else step.source
         found += [k] if isinstance(by, LaserTracking) and by.after_gap else []
     return found
 

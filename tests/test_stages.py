@@ -11,7 +11,7 @@ from memory_store import MemoryStore
 from mapmyworld.config import SensingConfig
 from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.graph.frame_poses import pose_every_frame
-from mapmyworld.stages.nodes import Motion, NodeSelector
+from mapmyworld.stages.nodes import Motion, NodeSelector, neighbours
 from mapmyworld.stages.record import StageRecord
 from mapmyworld.types import (
     Frame,
@@ -30,15 +30,15 @@ def frame_at(stamp_ns: int, pose: np.ndarray) -> Frame:
 
 def select(path: list[list[float]]) -> tuple[list[Node], list[Judged]]:
     selector = NodeSelector(SensingConfig(), wants_images=False)
-    nodes, constraints = [], []
+    nodes, steps = [], []
     for i, planar in enumerate(path):
         pose = planar_to_matrix(planar)
-        node, constraint, _ = selector.consider(
+        node, step, _ = selector.consider(
             frame_at(i, pose), Motion(pose, np.eye(6) * 1e-4, Odometry())
         )
         nodes += [node] if node else []
-        constraints += [constraint] if constraint else []
-    return nodes, constraints
+        steps += [step] if step else []
+    return nodes, neighbours(steps)
 
 
 def test_a_node_comes_after_a_gap_of_the_log_however_little_the_robot_moved() -> None:
@@ -49,8 +49,8 @@ def test_a_node_comes_after_a_gap_of_the_log_however_little_the_robot_moved() ->
         motion = Motion(np.eye(4), 1e-4 * np.eye(6), LaserTracking("matched", 0.9))
         made.append(selector.consider(frame_at(stamp * 1_000_000, np.eye(4)), motion))
     assert [node.stamp_ns for node, _, _ in made if node] == [0, 5_300_000_000]
-    (constraint,) = [c for _, c, _ in made if c]
-    assert constraint.source == LaserTracking("matched", 0.9, after_gap=True)
+    (step,) = [step for _, step, _ in made if step]
+    assert step.source == LaserTracking("matched", 0.9, after_gap=True)
 
 
 def test_a_node_comes_with_every_tenth_of_a_metre_and_of_a_radian() -> None:

@@ -33,7 +33,7 @@ from mapmyworld.places.laser_submaps import submap_members
 from mapmyworld.places.path_drift import stated_variances
 from mapmyworld.places.session_closures import session_closures
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
-from mapmyworld.stages.nodes import Motion, NodeSelector
+from mapmyworld.stages.nodes import Motion, NodeSelector, neighbours
 from mapmyworld.stages.trackers import LaserFollower
 from mapmyworld.types import (
     ConstraintKind,
@@ -311,7 +311,7 @@ def test_a_loss_makes_a_node_at_once_and_shares_no_error() -> None:
         made.append(selector.consider(Frame(k, pose), motion))
     nodes = [node for node, _, _ in made if node]
     assert [node.stamp_ns for node in nodes] == [0, 3]
-    (constraint,) = [c for _, c, _ in made if c]
+    (constraint,) = neighbours([step for _, step, _ in made if step])
     assert constraint.is_tracking_loss
     frames = TrackedFrames(
         np.arange(4),

@@ -18,7 +18,7 @@ from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION, transforms_of_rows
 
 # Between RTAB-Map's order of a tangent (translation first) and ours.
-_SWAP = np.ix_(SWAP_ROTATION_TRANSLATION, SWAP_ROTATION_TRANSLATION)
+_SWAP = SWAP_ROTATION_TRANSLATION
 # OpenCV's depth numbers; type = depth + 8 * (channels - 1).
 _DEPTHS = ("u1", "i1", "<u2", "<i2", "<i4", "<f4", "<f8")
 _TRAILER = struct.Struct("<3i")
@@ -120,25 +120,21 @@ def orthonormal(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     return nearest
 
 
-def symmetric(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The matrix, (6, 6) both, without the bits in which products leave it unlike its transpose.
+def information_to_blobs(information: NDArray[np.float64]) -> list[bytes]:
+    """288 bytes each, translation first, of rotation-first matrices (N, 6, 6).
 
-    RTAB-Map's tools hand it to g2o, which refuses a graph with one that is not exactly symmetric.
+    Without the bits in which products leave them unlike their transposes: RTAB-Map's tools hand
+    them to g2o, which refuses a graph with one that is not exactly symmetric.
     """
-    return 0.5 * information + 0.5 * information.T  # halves first: a sum may overflow
-
-
-def information_to_blob(information: NDArray[np.float64]) -> bytes:
-    """288 bytes, translation first, of a rotation-first matrix (6, 6); diagonal made positive."""
-    swapped: NDArray[np.float64] = symmetric(information)[_SWAP].astype("<f8")
-    diagonal = np.einsum("ii->i", swapped)
-    if not (np.isfinite(swapped).all() and diagonal.min() > 0.0):
-        swapped[~np.isfinite(swapped)] = 0.0
-        # RTAB-Map aborts on a component that is not positive; 1/9999 is its "ignore this one".
-        weak = diagonal <= 0.0
-        swapped[weak, :] = swapped[:, weak] = 0.0
-        diagonal[weak] = 1.0 / 9999.0
-    return swapped.tobytes()
+    halves = 0.5 * information  # a sum may overflow
+    swapped = (halves + halves.transpose(0, 2, 1))[:, _SWAP[:, None], _SWAP].astype("<f8")
+    swapped[~np.isfinite(swapped)] = 0.0
+    # RTAB-Map aborts on a component that is not positive; 1/9999 is its "ignore this one".
+    diagonal = np.einsum("nii->ni", swapped)
+    weak = diagonal <= 0.0
+    swapped[weak] = swapped.transpose(0, 2, 1)[weak] = 0.0
+    diagonal[weak] = 1.0 / 9999.0
+    return [one.tobytes() for one in swapped]
 
 
 def blob_to_information(blob: bytes, what: str) -> NDArray[np.float64]:
@@ -151,4 +147,4 @@ def blob_to_information(blob: bytes, what: str) -> NDArray[np.float64]:
     matrix = np.frombuffer(blob, "<f8").reshape(6, 6)
     if not np.isfinite(matrix).all():
         raise MapError(f"{what}: an information matrix that is not finite")
-    return np.asarray(matrix[_SWAP], np.float64)
+    return np.asarray(matrix[_SWAP[:, None], _SWAP], np.float64)

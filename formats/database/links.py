@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from formats.database.blobs import doubles, information_to_blob, pose_to_blob
+from formats.database.blobs import doubles, information_to_blobs
 from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import invert
@@ -68,13 +68,16 @@ _TYPES: Mapping[str, Any] = {"float": int | float, "int": int, "bool": bool, "st
 def link_rows(constraints: Iterable[Judged]) -> Iterator[Row]:
     """RTAB-Map's links of the accepted constraints, both directions where it keeps both."""
     accepted = [c for c in constraints if c.accepted]
-    backwards = invert(np.array([c.i_from_j for c in accepted]).reshape(-1, 4, 4))
-    for c, to_from_from in zip(accepted, backwards, strict=True):
-        kind, information = _link_type(c.kind), information_to_blob(c.information)
-        yield (c.from_id, c.to_id, kind, information, pose_to_blob(c.i_from_j))
+    motions = np.array([c.i_from_j for c in accepted]).reshape(-1, 4, 4)
+    weights = np.array([c.information for c in accepted]).reshape(-1, 6, 6)
+    there, back = (m[:, :3].astype("<f4") for m in (motions, invert(motions)))
+    blobs = zip(accepted, information_to_blobs(weights), there, back, strict=True)
+    for c, information, to_blob, from_blob in blobs:
+        kind = _link_type(c.kind)
+        yield (c.from_id, c.to_id, kind, information, to_blob.tobytes())
         if c.kind not in _ONE_WAY:
             # RTAB-Map keeps the information of the forward link for the backward one.
-            yield (c.to_id, c.from_id, kind, information, pose_to_blob(to_from_from))
+            yield (c.to_id, c.from_id, kind, information, from_blob.tobytes())
 
 
 def _link_type(kind: ConstraintKind) -> int:

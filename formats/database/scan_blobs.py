@@ -15,7 +15,6 @@ from formats.database.blobs import (
     blob_to_matrix,
     blob_to_pose,
     matrix_to_blob,
-    pose_to_blob,
 )
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.planar import (
@@ -76,11 +75,11 @@ def scan_to_columns(scan: Scan) -> tuple[bytes | None, bytes]:
     missing = wrap_angle(scan.missing.astype(np.float64) - scan.origin[2])
     bearings = np.concatenate([np.arctan2(points[:, 1], points[:, 0]), missing])
     low, high = (bearings.min(), bearings.max()) if len(bearings) else (0.0, 0.0)
-    mount = np.frombuffer(pose_to_blob(planar_to_matrix(scan.origin)), "<f4")
+    mount = planar_to_matrix(scan.origin)[:3].ravel().tolist()
     head = _planar_head(scan, float(low), float(high), len(points))
     # Measured points hardly shrink: packing saves a fifteenth and is a tenth of all writing.
     blob = matrix_to_blob(points.astype(np.float32)[None], STORED)
-    return blob, np.concatenate([head, mount]).astype("<f4").tobytes()
+    return blob, np.array([*head, *mount], "<f4").tobytes()
 
 
 def _planar_head(
@@ -101,8 +100,8 @@ def cloud_to_columns(cloud: NDArray[np.float32]) -> tuple[bytes | None, bytes]:
     points = np.asarray(cloud, np.float32)
     reach = float(np.linalg.norm(points, axis=1).max()) if len(points) else 0.0
     head = (_XYZ, 0.0, reach, 0.0, 0.0, 0.0, len(points))
-    info = np.frombuffer(pose_to_blob(np.eye(4)), "<f4")
-    return matrix_to_blob(points[None], FAST), np.concatenate([head, info]).astype("<f4").tobytes()
+    info = np.array([*head, *np.eye(3, 4).ravel().tolist()], "<f4").tobytes()
+    return matrix_to_blob(points[None], FAST), info
 
 
 def columns_to_observation(

@@ -10,19 +10,20 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from formats.decimal_stamps import stamp_from_text
 from formats.logs.carmen_records import (
     LASER_FRAMES,
     LASER_TOPICS,
     RAW_LASERS,
-    odometry_from_laser_line,
     odometry_from_odom_line,
+    odometry_of_record,
+    parse_laser,
     pose_from_truepos_line,
-    scan_from_line,
+    scan_of_record,
 )
-from formats.logs.carmen_survey import Survey, survey_lines
+from formats.logs.carmen_survey import Line, Reading, Survey, survey_lines
 from formats.logs.files import UnpackedFile
 from formats.logs.listed_log import ListedLog
 from formats.logs.poses import planar_pose
@@ -43,6 +44,8 @@ KINDS = {
     "/ground_truth": (MessageKind.POSE, "geometry_msgs/msg/PoseStamped"),
     "/tf_static": (MessageKind.TRANSFORMS, "tf2_msgs/msg/TFMessage"),
 }
+_BARE_LASERS = frozenset({b"FLASER", b"RLASER"})
+"""Whose lines have the readings and poses alone."""
 _LINE_BYTES = 1 << 22  # a longer line is damage
 _STAMPED = frozenset({b"ODOM", b"TRUEPOS", *LASER_TOPICS})
 MARKS = (
@@ -55,8 +58,6 @@ MARKS = (
     b"# CARMEN",
     b"SYNC ",
 )
-
-Line = tuple[bytes, bytes, int, int]
 
 
 class CarmenLog(ListedLog):
@@ -83,8 +84,8 @@ class CarmenLog(ListedLog):
         if survey.base_from_laser:
             yield _mountings(survey, *stamped[0][2:])
         for kind, line, stamp_ns, log_time_ns in stamped:
-            for topic, decode in _parts(kind, line, stamp_ns, survey):
-                guarded = partial(_decode, decode, self.path, kind)
+            for topic, decode, *given in _parts(kind, survey):
+                guarded = partial(_decode, self.path, kind, decode, line, stamp_ns, *given)
                 yield RawMessage(topic, KINDS[topic][0], log_time_ns, stamp_ns, guarded)
 
     def _lines(self) -> Iterator[Line]:
@@ -99,16 +100,18 @@ class CarmenLog(ListedLog):
                     yield kind, line, 0, latest_ns
                 if kind not in _STAMPED:
                     continue
-                try:
-                    stamp_ns = _checked_stamp(kind, line)
-                except (ValueError, IndexError):
-                    completed = _completed(kind, line)
-                    if completed is None:
-                        bad, first_bad = bad + 1, first_bad or number
-                        continue
-                    line, stamp_ns = completed
+                fields = line.split()
+                stamp_ns = _stamp(kind, fields)
+                if stamp_ns is None and kind in _BARE_LASERS and line.endswith(b"\n"):
+                    # Some converters end a line with its stamp: nothing here needs what follows.
+                    fields += [b"-", b"0"]
+                    stamp_ns = _stamp(kind, fields)
+                if stamp_ns is None:
+                    bad, first_bad = bad + 1, first_bad or number
+                    continue
                 latest_ns = max(latest_ns, stamp_ns)
-                yield kind, line, stamp_ns, latest_ns
+                read = parse_laser(fields) if kind in LASER_TOPICS else line
+                yield kind, read, stamp_ns, latest_ns
         if unpacked.damage:
             self.problems.append(
                 f"{self.path}: unreadable after line {number} ({unpacked.damage}): the rest is lost"
@@ -125,49 +128,36 @@ _LEAST_FIELDS = {
 }  # fmt: skip
 
 
-def _checked_stamp(kind: bytes, line: bytes) -> int:
-    """The stamp, once the line has as many fields as it announces."""
-    fields = line.split()
-    if kind in {b"FLASER", b"RLASER"} and len(fields) != int(fields[1]) + 11:
-        raise ValueError("wrong number of fields")
-    if len(fields) < _LEAST_FIELDS.get(kind, 0):
-        raise ValueError("wrong number of fields")
-    return stamp_from_text(fields[-3])
-
-
-def _completed(kind: bytes, line: bytes) -> tuple[bytes, int] | None:
-    """A whole line that ends with its stamp, as some converters write them, and that stamp.
-
-    Host and logger's time, which nothing here needs, are put behind it. None for a damaged line.
-    """
-    if kind not in {b"FLASER", b"RLASER"} or not line.endswith(b"\n"):
-        return None
-    whole = line.rstrip() + b" - 0\n"
+def _stamp(kind: bytes, fields: list[bytes]) -> int | None:
+    """The stamp of a line with as many fields as it announces; None for a damaged one."""
     try:
-        return whole, _checked_stamp(kind, whole)
+        announced = int(fields[1]) + 11 if kind in _BARE_LASERS else len(fields)
+        whole = len(fields) == announced and len(fields) >= _LEAST_FIELDS.get(kind, 0)
+        return stamp_from_text(fields[-3]) if whole else None
     except (ValueError, IndexError):
         return None
 
 
-def _parts(
-    kind: bytes, line: bytes, stamp_ns: int, survey: Survey
-) -> Iterator[tuple[str, Callable[[], Message]]]:
-    """The topics a line speaks on, in order, and how to decode each."""
+def _parts(kind: bytes, survey: Survey) -> Iterator[tuple[Any, ...]]:
+    """The topics a line speaks on, in order, and how to decode each: with what beside the line."""
     if kind == b"ODOM":
-        yield "/carmen/odom", partial(odometry_from_odom_line, line, stamp_ns)
+        yield "/carmen/odom", odometry_from_odom_line
     elif kind == b"TRUEPOS":
-        yield "/ground_truth", partial(pose_from_truepos_line, line, stamp_ns)
+        yield "/ground_truth", pose_from_truepos_line
     elif kind not in survey.unused:
         if kind not in RAW_LASERS:
-            yield "/odom", partial(odometry_from_laser_line, line, stamp_ns)
+            yield "/odom", odometry_of_record
         range_max = survey.range_max.get(kind, 0.0)
-        frame = LASER_FRAMES[kind]
-        yield LASER_TOPICS[kind], partial(scan_from_line, line, stamp_ns, frame, range_max)
+        yield LASER_TOPICS[kind], scan_of_record, LASER_FRAMES[kind], range_max
 
 
-def _decode(decode: Callable[[], Message], path: Path, kind: bytes) -> Message:
+def _decode(
+    path: Path, kind: bytes, decode: Callable[..., Message], read: Reading, *given: Any
+) -> Message:
     try:
-        return decode()
+        if read is None:
+            raise ValueError("it holds no sweep")
+        return decode(read, *given)
     except (ValueError, IndexError) as error:
         raise LogError(f"{path}: damaged {kind.decode()} line: {error}") from error
 

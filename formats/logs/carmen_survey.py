@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +17,10 @@ from formats.logs.carmen_records import (
     RAW_LASERS,
     REAR_LASERS,
     LaserRecord,
-    parse_laser,
 )
 from mapmyworld.geometry.planar import between_planar, wrap_angle
 
+_AT_ONCE = 256  # sweeps
 _BINS = 1024  # of one metre each
 _REPEATED = 10  # times a value must occur before it can mean "no return"
 _GAP = 0.8  # a no-return value stands at least this far, as a share, above every real return
@@ -26,6 +28,11 @@ _CODES = 81.825, 81.925  # m: 8183 to 8191 cm are a SICK's words for "no return"
 _CONSTANT_M = 0.02  # a mounting whose middle half of samples spreads more is a corrected pose
 _MOUNTING_SAMPLES = 2000
 _RANGE_PARAMETERS = (b"robot_front_laser_max", b"robot_frontlaser_max")
+
+Reading = LaserRecord | bytes | None
+"""A laser's line as a sweep, or None where it holds none; others as they are."""
+Line = tuple[bytes, Reading, int, int]
+"""Kind, what was read, stamp and log time in ns."""
 
 
 @dataclass
@@ -41,32 +48,11 @@ class Survey:
     lasers_damaged: int = 0
     """Lines of lasers that hold no sweep."""
 
-    @property
+    @cached_property
     def unused(self) -> set[bytes]:
         """Sweeps without pose, where the same laser has some with; CARMEN often logs both."""
         told = {LASER_TOPICS[kind] for kind in self.range_max.keys() - RAW_LASERS}
         return {kind for kind in RAW_LASERS & self.range_max.keys() if LASER_TOPICS[kind] in told}
-
-
-class LaserSurvey:
-    """Ranges and mountings of one kind of laser line, gathered line by line."""
-
-    def __init__(self) -> None:
-        self.histogram = np.zeros(_BINS, np.int64)
-        self.lowest, self.highest = np.full(_BINS, np.inf), np.zeros(_BINS)
-        self.mountings: list[NDArray[np.float64]] = []
-
-    def add(self, record: LaserRecord) -> None:
-        """One more record of a laser."""
-        ranges = record.ranges[np.isfinite(record.ranges)]
-        bins = np.clip(ranges, 0, _BINS - 1).astype(np.int64)
-        self.histogram += np.bincount(bins, minlength=_BINS)
-        np.minimum.at(self.lowest, bins, ranges)
-        np.maximum.at(self.highest, bins, ranges)
-        poses = record.odom_from_base, record.odom_from_laser
-        wanted = len(poses[0]) and len(self.mountings) < _MOUNTING_SAMPLES
-        if wanted and np.abs(poses).max() < FARTHEST:
-            self.mountings.append(between_planar(*poses))
 
 
 def longest_return(histogram: NDArray[np.int64], single: NDArray[np.bool_]) -> float:
@@ -85,18 +71,31 @@ def longest_return(histogram: NDArray[np.int64], single: NDArray[np.bool_]) -> f
     return float(occupied[-1] + 1) if len(occupied) else 0.0
 
 
-def add_laser(survey: Survey, kind: bytes, lasers: LaserSurvey) -> None:
+def add_laser(survey: Survey, kind: bytes, records: Sequence[LaserRecord]) -> None:
     """Concludes on one laser: its largest range and where it sits on the robot."""
-    seen = longest_return(lasers.histogram, lasers.lowest == lasers.highest)
-    range_max = _range_max(survey.parameters, lasers.histogram, seen)
-    if _CODES[0] <= lasers.highest.max() < _CODES[1]:  # real returns may come as near as that
+    histogram = np.zeros(_BINS, np.int64)
+    lowest, highest = np.full(_BINS, np.inf, np.float32), np.zeros(_BINS, np.float32)
+    for first in range(0, len(records), _AT_ONCE):
+        ranges = np.concatenate([record.ranges for record in records[first : first + _AT_ONCE]])
+        ranges = ranges[np.isfinite(ranges)]
+        bins = np.clip(ranges, 0, _BINS - 1).astype(np.int64)
+        histogram += np.bincount(bins, minlength=_BINS)
+        np.minimum.at(lowest, bins, ranges)
+        np.maximum.at(highest, bins, ranges)
+    seen = longest_return(histogram, lowest == highest)
+    range_max = _range_max(survey.parameters, histogram, seen)
+    if _CODES[0] <= highest.max() < _CODES[1]:  # real returns may come as near as that
         range_max = min(range_max, _CODES[0])
     survey.range_max[kind] = range_max
     frame = LASER_FRAMES[kind]
     if frame in survey.base_from_laser:
         return
-    if lasers.mountings:
-        survey.base_from_laser[frame] = _mounting(survey, kind, np.array(lasers.mountings))
+    poses = [(r.odom_from_base, r.odom_from_laser) for r in records if r.odom_from_base]
+    samples = np.reshape(poses[:_MOUNTING_SAMPLES], (-1, 2, 3))
+    samples = samples[np.abs(samples).max(axis=(1, 2)) < FARTHEST]
+    if len(samples):
+        mountings = between_planar(samples[:, 0], samples[:, 1])
+        survey.base_from_laser[frame] = _mounting(survey, kind, mountings)
         return
     survey.base_from_laser[frame] = _reported_mounting(survey, kind)
     if _offset_name(kind) not in survey.parameters:
@@ -151,23 +150,17 @@ def _number(text: bytes) -> float:
     return value if abs(value) < FARTHEST else 0.0
 
 
-def survey_lines(lines: Iterable[tuple[bytes, bytes, int, int]]) -> Survey:
-    """Survey of lines given as (kind, line, stamp_ns, log_time_ns); PARAM lines included.
-
-    Raises nothing for damaged laser lines: reading reports them.
-    """
-    survey, lasers = Survey(), dict[bytes, LaserSurvey]()
-    for kind, line, _, _ in lines:
-        if kind == b"PARAM":
-            name, value = [*line.split(None, 3), b"", b""][1:3]
+def survey_lines(lines: Iterable[Line]) -> Survey:
+    """Survey of lines as they were read; PARAM lines included."""
+    survey, lasers = Survey(), defaultdict[bytes, list[LaserRecord]](list)
+    for kind, read, _, _ in lines:
+        if read is None:
+            survey.lasers_damaged += 1
+        elif isinstance(read, LaserRecord):
+            lasers[kind].append(read)
+        elif kind == b"PARAM":
+            name, value = [*read.split(None, 3), b"", b""][1:3]
             survey.parameters[name] = value
-        elif kind in LASER_TOPICS:
-            try:
-                record = parse_laser(line)
-            except (ValueError, IndexError):
-                survey.lasers_damaged += 1
-                continue
-            lasers.setdefault(kind, LaserSurvey()).add(record)
-    for kind, laser in sorted(lasers.items(), key=lambda item: (item[0] in RAW_LASERS, item[0])):
-        add_laser(survey, kind, laser)
+    for kind, records in sorted(lasers.items(), key=lambda item: (item[0] in RAW_LASERS, item[0])):
+        add_laser(survey, kind, records)
     return survey

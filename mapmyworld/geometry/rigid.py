@@ -28,8 +28,8 @@ def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Array:
 
 def transforms_of_rows(rows: ArrayLike) -> Array:
     """Matrices (N, 4, 4) of their upper `rows` (N, 3, 4), in any shape that holds these."""
-    matrices = np.tile(np.eye(4), (np.size(rows) // 12, 1, 1))
-    matrices[:, :3] = np.reshape(rows, (-1, 3, 4))
+    matrices = np.zeros((np.size(rows) // 12, 4, 4))
+    matrices[:, :3], matrices[:, 3, 3] = np.reshape(rows, (-1, 3, 4)), 1.0
     return matrices
 
 

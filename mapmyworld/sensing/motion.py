@@ -101,6 +101,13 @@ class RecordedMotion:
 
         None where the nearest sample is further than half a second away.
         """
+        exact = self._samples_at(stamp_ns)
+        if len(exact):
+            nearest = np.abs(exact - self._last).argmin() if len(exact) > 1 else 0
+            self._last = int(exact[nearest])
+            pose = transforms_of_rows(self._values[self._last])[0]
+            # Without -0.0 where others are interpolated, which leaves none.
+            return np.asarray(pose + 0.0 if self.is_sorted else pose)
         found = self.at_many(np.array([stamp_ns], np.int64))
         # A copy: a view would keep the whole window of samples alive with every frame.
         return None if found is None else np.array(found[0])
@@ -109,20 +116,11 @@ class RecordedMotion:
         """Poses (N, 4, 4) at stamps (N,) close to one another; None unless all are covered."""
         if not len(self.stamps_ns):
             return None
-        if self.is_sorted and (len(stamps_ns) > 1 or not self._is_repeated(int(stamps_ns[0]))):
+        if self.is_sorted:
             return self._between(stamps_ns, None)
         window = self._window(int(stamps_ns[0]))
-        exact = window[self.stamps_ns[window] == stamps_ns[0]]
-        if len(stamps_ns) == 1 and len(exact):
-            self._last = int(exact[np.argmin(np.abs(exact - self._last))])
-            return self.poses_at(slice(self._last, self._last + 1))
         in_time = window[np.argsort(self.stamps_ns[window], kind="stable")]
         return self._between(stamps_ns, in_time)
-
-    def _is_repeated(self, stamp_ns: int) -> bool:
-        """Whether several samples of a sorted stream have this very stamp."""
-        first = int(self.stamps_ns.searchsorted(stamp_ns, "left"))
-        return first + 1 < len(self) and self.stamps_ns[first + 1] == stamp_ns
 
     def _between(
         self, wanted: NDArray[np.int64], samples: NDArray[np.int64] | None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,21 +29,20 @@ def scan_from_message(
     returns nor as missing, which are infinite, beyond the maximum, or zero. Raises `LogError` where
     the sweep does not say where its beams went.
     """
-    if not np.isfinite([message.angle_min, message.angle_increment]).all():
+    if not (math.isfinite(message.angle_min) and math.isfinite(message.angle_increment)):
         raise LogError("a scan whose angles are not finite")
-    directions, bearings = _beams(
+    directions, bearings, origin = _beams(
         message.angle_min, message.angle_increment, len(message.ranges), base_from_lidar.tobytes()
     )
-    valid, (_, high) = valid_ranges(message), _limits(message)
-    with np.errstate(invalid="ignore"):
-        empty = np.flatnonzero(~valid & ((message.ranges >= high) | (message.ranges == 0.0)))
-    returned = np.flatnonzero(valid)
-    points = message.ranges[returned, None] * directions[returned] + base_from_lidar[:3, 3]
+    ranges, (returned,) = message.ranges, valid_ranges(message).nonzero()
+    empty = (ranges >= _limits(message)[1]) | (ranges == 0.0)
+    # take(): a third of the time of an index.
+    points = ranges.take(returned)[:, None] * directions.take(returned, 0) + base_from_lidar[:3, 3]
     if motion is not None and message.time_increment > 0 and len(points) > 1:
         points = _without_motion(message, returned, points, motion)
     return Scan(
         points=np.ascontiguousarray(points[:, :2], np.float32),
-        origin=matrix_to_planar(base_from_lidar),
+        origin=origin,
         missing=bearings[empty],
         range_max=float(message.range_max) if message.range_max > 0 else np.inf,
         angle_increment=abs(float(message.angle_increment)),
@@ -52,24 +52,24 @@ def scan_from_message(
 @functools.lru_cache(maxsize=16)
 def _beams(
     angle_min: float, increment: float, count: int, mount: bytes
-) -> tuple[Array, NDArray[np.float32]]:
-    """Where the beams of a laser point, sweep after sweep: directions (N, 3) in the base frame, and
-    bearings (N,) from its x axis.
+) -> tuple[Array, NDArray[np.float32], Array]:
+    """Where the beams of a laser point, sweep after sweep: directions (N, 3) in the base frame,
+    bearings (N,) from its x axis, and where they start from (3,), x, y, yaw.
     """
     base_from_lidar = np.frombuffer(mount).reshape(4, 4)
     angles = angle_min + increment * np.arange(count)
     flat = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=-1)
     upside_down = base_from_lidar[2, 2] < 0
-    bearings = angles * (-1.0 if upside_down else 1.0) + matrix_to_planar(base_from_lidar)[2]
+    origin = matrix_to_planar(base_from_lidar)
+    bearings = angles * (-1.0 if upside_down else 1.0) + origin[2]
     with np.errstate(over="ignore"):  # of angles that no laser has
-        return flat @ base_from_lidar[:3, :3].T, bearings.astype(np.float32)
+        return flat @ base_from_lidar[:3, :3].T, bearings.astype(np.float32), origin
 
 
 def valid_ranges(scan: LaserScanMessage) -> NDArray[np.bool_]:
     """(N,) which beams came back from something: finite, above the minimum, below the maximum."""
     low, high = _limits(scan)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.isfinite(scan.ranges) & (scan.ranges > low) & (scan.ranges < high))
+    return np.asarray((scan.ranges > low) & (scan.ranges < high))
 
 
 def _limits(scan: LaserScanMessage) -> tuple[np.float32, np.float32]:

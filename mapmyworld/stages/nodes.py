@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import SensingConfig
-from mapmyworld.geometry.rigid import between, se3_adjoint
-from mapmyworld.geometry.rotations import rotation_angle
+from mapmyworld.geometry.rigid import invert, se3_adjoint
 from mapmyworld.kernels.wheel_model import MEMORY
 from mapmyworld.odometry.unobserved_motion import GOES_ON
 from mapmyworld.types import ConstraintKind, Frame, Judged, LaserTracking, Node, Source
@@ -39,6 +39,20 @@ class Motion:
         return isinstance(self.source, LaserTracking) and self.source.lost
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """The way from a node to the next one: what makes their constraint."""
+
+    from_id: int
+    i_from_j: NDArray[np.float64]
+    """(4, 4), of the next node in the frame of `from_id`."""
+    next_from_map: NDArray[np.float64]
+    """(4, 4)."""
+    motions: list[Motion]
+    """Of the frames since the node, up to the next one."""
+    source: Source
+
+
 def _uncertainty(motion: Motion) -> tuple[bool, float]:
     return motion.is_tracking_loss, float(motion.covariance.trace())
 
@@ -50,19 +64,20 @@ class NodeSelector:
         self.config, self.wants_images = config, wants_images
         self.last: Node | None = None
         """The newest node."""
+        self._last_from_map = np.eye(4)
         self._since: list[Motion] = []
         self._before_ns: int | None = None
         self._usual = 0.0  # s from frame to frame
 
     def consider(
         self, frame: Frame, motion: Motion
-    ) -> tuple[Node | None, Judged | None, NDArray[np.float64]]:
-        """The node that the frame becomes, if it does, its constraint to the one before, and the
+    ) -> tuple[Node | None, Step | None, NDArray[np.float64]]:
+        """The node that the frame becomes, if it does, the way to it from the one before, and the
         frame's pose (4, 4) in its node: itself, or the last one.
         """
         self._since.append(motion)
         pose, last = motion.tracked_from_base, self.last
-        moved = np.eye(4) if last is None else between(last.tracked_from_base, pose)
+        moved = self._last_from_map @ pose
         after_gap = self._is_gap(frame.stamp_ns)
         anew = motion.is_tracking_loss or motion.fits_nothing or after_gap
         if last is not None and not anew and not self._is_due(frame, moved):
@@ -77,9 +92,15 @@ class NodeSelector:
             ground_truth=frame.ground_truth,
             gps=frame.gps,
         )
-        constraint = None if last is None else self._neighbour(last, node, moved, after_gap)
+        self._last_from_map = invert(pose)
+        source = max(self._since, key=_uncertainty).source
+        if isinstance(source, LaserTracking) and after_gap:
+            source = replace(source, after_gap=True)
+        step = None
+        if last is not None:
+            step = Step(last.id, moved, self._last_from_map, self._since, source)
         self.last, self._since = node, []
-        return node, constraint, np.eye(4)
+        return node, step, np.eye(4)
 
     def _is_gap(self, stamp_ns: int) -> bool:
         """Whether the log has no frame for unusually long before this one."""
@@ -92,35 +113,39 @@ class NodeSelector:
         return took > max(GOES_ON, _GAP * usual)
 
     def _is_due(self, frame: Frame, moved: NDArray[np.float64]) -> bool:
-        x, y, z = moved[:3, 3].tolist()
+        # Of one motion, plain numbers take a fifth of numpy's time.
+        (xx, xy, xz, x), (yx, yy, yz, y), (zx, zy, zz, z), _ = moved.tolist()
+        turn = math.atan2(math.hypot(zy - yz, xz - zx, yx - xy), xx + yy + zz - 1.0)
         share = max(
-            math.sqrt(x * x + y * y + z * z) / max(self.config.node_distance, 1e-9),
-            float(rotation_angle(moved)) / max(self.config.node_angle, 1e-9),
+            math.hypot(x, y, z) / max(self.config.node_distance, 1e-9),
+            turn / max(self.config.node_angle, 1e-9),
         )
         waits = self.wants_images and all(image.depth is None for image in frame.images)
         return share >= (_PATIENCE if waits else 1.0) - _ROUNDING
 
-    def _covariance(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Covariance (6, 6) of the motion since the last node, all its steps carried to its end."""
-        if len(self._since) == 1:
-            return self._since[0].covariance
-        steps = np.stack([motion.tracked_from_base for motion in self._since])
-        adjoint = se3_adjoint(between(pose, steps))
-        covariances = np.stack([motion.covariance for motion in self._since])
-        return np.asarray((adjoint @ covariances @ adjoint.transpose(0, 2, 1)).sum(axis=0))
 
-    def _neighbour(
-        self, last: Node, node: Node, moved: NDArray[np.float64], after_gap: bool
-    ) -> Judged:
-        source = max(self._since, key=_uncertainty).source
-        if isinstance(source, LaserTracking) and after_gap:
-            source = replace(source, after_gap=True)
-        covariance = self._covariance(node.tracked_from_base) + 1e-12 * np.eye(6)
-        return Judged(
-            from_id=last.id,
-            to_id=node.id,
+def neighbours(steps: Sequence[Step]) -> list[Judged]:
+    """The constraints of ways between nodes; each step's covariance is carried to the way's end."""
+    lengths = np.array([len(step.motions) for step in steps])
+    way = np.arange(len(steps)).repeat(lengths)
+    motions = [motion for step in steps for motion in step.motions]
+    covariances = np.array([motion.covariance for motion in motions])
+    ends = np.array([step.next_from_map for step in steps])
+    adjoint = se3_adjoint(ends[way] @ np.array([motion.tracked_from_base for motion in motions]))
+    carried = adjoint @ covariances @ adjoint.transpose(0, 2, 1)
+    alone = (lengths == 1)[way]  # these end there themselves
+    carried[alone] = covariances[alone]
+    summed = np.zeros((len(steps), 6, 6))
+    np.add.at(summed, way, carried)
+    information = np.linalg.inv(summed + 1e-12 * np.eye(6))
+    return [
+        Judged(
+            from_id=step.from_id,
+            to_id=step.from_id + 1,
             kind=ConstraintKind.NEIGHBOUR,
-            i_from_j=moved,
-            information=np.asarray(np.linalg.inv(covariance)),
-            source=source,
+            i_from_j=step.i_from_j,
+            information=one,
+            source=step.source,
         )
+        for step, one in zip(steps, information, strict=True)
+    ]

@@ -20,7 +20,7 @@ from mapmyworld.sensing.cloud_scans import thinned
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.judge_odometry import judge_odometry
-from mapmyworld.stages.nodes import Motion, NodeSelector
+from mapmyworld.stages.nodes import Motion, NodeSelector, Step, neighbours
 from mapmyworld.stages.plan_log import stage_of_log
 from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 _TOGETHER = 8  # frames that pass from thread to thread at once
 _LARGEST_LAG = 0.35  # s; near the end of what is tried the least error may lie beyond it
+_STEPS = 64  # between nodes whose constraints are made and written at once
 _AHEAD = 4  # such groups that wait for the next thread, at most
 
 
@@ -132,6 +133,7 @@ class _Writer:
         self._store, self._guard = store, guard
         self._cloud_spacing = config.sensing.cloud_spacing
         self._selector = NodeSelector(config.sensing, wants_images=wants_images)
+        self._steps: list[Step] = []
         self._stamps, self._node_ids, self._is_node = array("q"), array("q"), array("b")
         # Of every frame only numbers are kept, 104 bytes a pose: a drive may last for hours.
         self._moved, self._odometry = array("d"), array("d")
@@ -147,7 +149,7 @@ class _Writer:
             self.add(frame, motion)
 
     def add(self, frame: Frame, motion: Motion) -> None:
-        node, constraint, node_from_frame = self._selector.consider(frame, motion)
+        node, step, node_from_frame = self._selector.consider(frame, motion)
         if is_heard():
             stamp, source = frame.stamp_ns * 1e-9, source_in_words(motion.source)
             became = "no node" if node is None else f"node {node.id}"
@@ -157,8 +159,10 @@ class _Writer:
             images = tuple(i for image in frame.images if (i := self._guard.sound(image)))
             cloud = None if frame.cloud is None else thinned(frame.cloud, self._cloud_spacing)
             self._store.add_node(node, NodeData(frame.scan, images, cloud))
-        if constraint is not None:
-            self._store.add_constraints([constraint])
+        if step is not None:
+            self._steps.append(step)
+            if len(self._steps) == _STEPS:
+                self._write_neighbours()
         last = self._selector.last
         assert last is not None
         if frame.scan is not None:
@@ -171,7 +175,13 @@ class _Writer:
         if frame.odom_from_base is not None:
             self._odometry.extend(frame.odom_from_base[:3].ravel().tolist())
 
+    def _write_neighbours(self) -> None:
+        if self._steps:
+            self._store.add_constraints(neighbours(self._steps))
+            self._steps.clear()
+
     def finish(self) -> None:
+        self._write_neighbours()
         complete = len(self._odometry) == len(self._moved) > 0
         self._store.set_tracked_frames(
             TrackedFrames(

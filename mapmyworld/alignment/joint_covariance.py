@@ -9,7 +9,6 @@ all of them measure once, or a long path would be known as well as pairs are man
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -45,7 +44,7 @@ def shape_covariances(scans: ScanSet, residual: float) -> Array:
     """(S, 3, 3) by how much points that err by `residual` (m) turn and shift a scan's shape."""
     x, y, nx, ny = scans.rows[:, :4].T.astype(np.float64)
     slopes, known = (nx, ny, ny * x - nx * y), np.empty((len(scans), 3, 3))
-    for i, j in itertools.product(range(3), repeat=2):  # each by itself: points are many
+    for i, j in np.ndindex(3, 3):  # each by itself: points are many
         sums = np.append(0.0, np.cumsum(slopes[i] * slopes[j]))
         known[:, i, j] = np.diff(sums[scans.bounds])
     variance = residual**2

@@ -85,15 +85,15 @@ def refine_poses(
     chosen = np.union1d(chosen, statements.concerns(nodes))
     session = np.zeros(len(nodes), np.int64) if session is None else session
     frames, drift = store.tracked_frames(), _drift(nodes, constraints)
-    task = _Task(
-        nodes, frames, chosen, scans.some(chosen), constraints, drift, statements, session, config
-    )
+    held = scans.some(chosen)
     scans.let_go()
+    task = _Task(nodes, frames, chosen, held, constraints, drift, statements, session, config)
     found = _aligned(task, solved[chosen], statements.places_of(poses), progress)
     every = np.concatenate(
         [
-            _carried(solved[a:b], chosen - a, found.poses, (chosen >= a) & (chosen < b), drift[a:b])
+            carry_along(solved[a:b], chosen[mine] - a, found.poses[mine], drift[a:b])
             for a, b in sessions
+            for mine in [(chosen >= a) & (chosen < b)]
         ]
     )
     moved = np.concatenate([every, found.landmarks])
@@ -230,12 +230,6 @@ def _drift(nodes: Sequence[Node], constraints: Sequence[Judged]) -> Array:
     """(N,) variance (m^2) of the position that all motions up to each node sum up to."""
     steps = step_covariances(nodes, constraints)[:-1, :2, :2].trace(axis1=1, axis2=2)
     return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def _carried(
-    solved: Array, chosen: Index, refined: Array, mine: NDArray[np.bool_], drift: Array
-) -> Array:
-    return carry_along(solved, chosen[mine], refined[mine], drift)
 
 
 def spaced_nodes(poses: Array, config: Config) -> Index:

@@ -6,7 +6,7 @@ residual. So nothing has to hold it with a weight, and every factor counts as it
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -39,17 +39,14 @@ def elimination_order(factors: Any) -> list[int]:
     """All keys of gtsam's factors in METIS's order; METIS itself breaks down on variables that no
     factor links to another, so these come first.
     """
-    keys = [factors.at(k).keys() for k in range(factors.size())]
+    every = [factors.at(k) for k in range(factors.size())]
+    keys = [factor.keys() for factor in every]
     linked = {key for some in keys if len(some) > 1 for key in some}
     alone = sorted({key for some in keys for key in some} - linked)
-    if alone:
-        among = gtsam.NonlinearFactorGraph()
-        for k, some in enumerate(keys):
-            if len(some) > 1:
-                among.push_back(factors.at(k))
-        factors = among
     if not linked:
         return alone
+    if alone:
+        factors = _graph(f for f, some in zip(every, keys, strict=True) if len(some) > 1)
     order = gtsam.Ordering.MetisNonlinearFactorGraph(factors)
     return [*alone, *(order.at(k) for k in range(order.size()))]
 
@@ -65,7 +62,7 @@ def factor_graph(system: System, poses: Array) -> FactorGraph:
 
 def with_factors(system: System) -> System:
     """The same, its edges' factors made for all solutions of parts of it."""
-    return replace(system, factors=_between(system)) if system.factors is None else system
+    return replace(system, factors=_between(system))
 
 
 def factors_at(system: System, poses: Array, values: Any) -> Any:
@@ -78,15 +75,21 @@ def factors_at(system: System, poses: Array, values: Any) -> Any:
     held = (system.free[system.tails] < 0) & ~seen
     found = np.empty(len(seen), np.object_) if system.factors is None else system.factors
     if system.factors is None:
-        found[~held] = _between(chosen_edges(system, ~held))
+        plain = ~(held | seen)
+        found[plain] = _between(chosen_edges(system, plain))
     found[held] = _priors(chosen_edges(system, held), poses)
     if seen.any():
         sightings = _sightings(chosen_edges(system, seen), poses, values)
         found[seen] = np.fromiter(sightings, np.object_)
-    factors = gtsam.NonlinearFactorGraph()
-    for factor in found.tolist():
-        factors.add(factor)
-    return factors
+    return _graph(found.tolist())
+
+
+def _graph(factors: Iterable[Any]) -> Any:
+    """Gtsam's of these factors."""
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in factors:
+        graph.add(factor)
+    return graph
 
 
 def _from_held_nodes(system: System) -> System:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import diags_array
 
 from mapmyworld.backend.connected_components import Index
-from mapmyworld.backend.factors import factor_graph, with_factors
+from mapmyworld.backend.factors import factor_graph
 from mapmyworld.backend.information import Factorised, Variables
 from mapmyworld.backend.residuals import retract
 from mapmyworld.backend.system import System, believed_edges, edge_chi2, moving_edges
@@ -34,17 +34,17 @@ def graduate(
     `limit`: the squared sigmas that a true edge stays below. `start` (N, 3 or 4, 4) are poses,
     `trusted` and `tried` (E,) masks of edges.
     """
-    part, fixed = believed_edges(with_factors(system), tried), trusted[tried]
+    part, fixed = believed_edges(system, tried), trusted[tried]
     graph, poses = factor_graph(part, start), start
-    variables = Variables.of(graph.values)
-    order = variables.elimination(graph.factors)
+    among = Variables.of(graph.values)
+    order = among.elimination(graph.factors)
     for _ in range(3):
-        poses = _stepped(part, variables, order, poses, np.ones(len(fixed)))
+        poses = _stepped(part, among, order, poses, np.ones(len(fixed)))
     chi2 = edge_chi2(part, poses)
     control = first_control(chi2[~fixed], limit)
     for _ in range(_ROUNDS):
         weights = np.where(fixed, 1.0, truncated_weights(chi2, limit, control))
-        poses = _stepped(part, variables, order, poses, weights)
+        poses = _stepped(part, among, order, poses, weights)
         chi2 = edge_chi2(part, poses)
         decided = (weights < 1e-3) | (weights > 1.0 - 1e-3)
         if decided.all() and control > 1.0:
@@ -55,12 +55,10 @@ def graduate(
     return poses, inliers
 
 
-def _stepped(
-    part: System, variables: Variables, order: Index, poses: Array, weights: Array
-) -> Array:
+def _stepped(part: System, among: Variables, order: Index, poses: Array, weights: Array) -> Array:
     """Poses after one Gauss-Newton step of edges that count by their weights (E,)."""
     graph, d = factor_graph(part, poses), part.dimension
-    jacobian, right = variables.jacobian(graph.factors.linearize(graph.values))
+    jacobian, right = among.jacobian(graph.factors.linearize(graph.values))
     kinds = np.zeros(len(weights), np.int64) if part.kinds is None else part.kinds
     rows = np.where(kinds > 0, 2 if part.planar else 3, d)[moving_edges(part)]
     roots = np.sqrt(np.repeat(weights[moving_edges(part)], rows))

@@ -36,8 +36,8 @@ def solve_by_chains(
 ) -> SolvedGraph:  # fmt: skip
     """As `solve`, all nodes and constraints, from the nodes that closures tie.
 
-    Nodes begin where they were tracked, landmarks where they are seen first. Motions are believed
-    in any case; their verdicts, by what they miss the poses, may be left out.
+    Nodes begin where they were tracked, landmarks where they are seen first. Motions, which nobody
+    questions, may be left unjudged.
     """
     fresh = [c.before(Judge.GRAPH) for c in constraints]
     ids = np.array([node.id for node in nodes], np.int64)
@@ -56,9 +56,7 @@ def solve_by_chains(
     if solved.poses.covariances is not None:
         spread = _bridged(poses.map_from_node, kept, solved.poses, composed)
         poses = replace(poses, covariances=spread)
-    if motions_judged:
-        motions = _judged_motions(motions, ids, poses, planar, config)
-    own = iter(motions)
+    own = iter(_judged_motions(motions, ids, poses, planar, config) if motions_judged else motions)
     rest = iter(solved.constraints[len(composed) :])
     verdicts = tuple(
         next(own) if motion else next(rest) if c.accepted else c
@@ -114,13 +112,13 @@ def _carried(covariance: Array, end: Array, own: Array) -> Array:
 
 def _judged_motions(
     motions: Sequence[Judged], ids: Index, poses: Poses, planar: bool, config: GraphConfig
-) -> list[Judged]:
+) -> tuple[Judged, ...]:
     """The motions, which nobody questions, with what they miss the poses by."""
-    return [
+    return tuple(
         one
         for some in batches(motions, _BLOCK)
         for one in _judged_together(some, ids, poses, planar, config)
-    ]
+    )
 
 
 def _judged_together(

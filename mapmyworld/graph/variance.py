@@ -130,9 +130,8 @@ def _sums(
         return {}
     alone = list(np.arange(len(components)).reshape(-1, 1))
     predicted = [p.covariance for p in predictions(information, system, solution, alone)]
-    explained, chi2 = np.trace(predicted, axis1=1, axis2=2), edge_chi2(system, solution)
-    left = system.dimension - explained
-    names = np.array(components)
+    left = system.dimension - np.trace(predicted, axis1=1, axis2=2)
+    names, chi2 = np.array(components), edge_chi2(system, solution)
     return {
         str(name): (float(chi2[names == name].sum()), float(left[names == name].sum()))
         for name in np.unique(names)

@@ -41,9 +41,8 @@ def candidate_pairs(nodes: LaserNodes, config: Config, *, optimised: bool, first
         near = near[nodes.path[later] - nodes.path[spots[near]] > 2.0 * places.laser_submap]
         near = near[nodes.session[spots[near]] == nodes.session[later]]
         apart = np.hypot(*(nodes.poses[spots[near], :2] - nodes.poses[later, :2]).T)
-        reach = np.full(len(near), NEAR)
-        if not optimised:
-            reach += np.minimum(nodes.drift.metres(spots[near], int(later)), FIRST_WINDOW)
+        drift = 0.0 if optimised else nodes.drift.metres(spots[near], int(later))
+        reach = NEAR + np.minimum(drift, FIRST_WINDOW)
         best = _nearest_of_revisits(
             near[apart < reach], apart[apart < reach], places.laser_revisits
         )

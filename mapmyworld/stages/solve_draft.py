@@ -23,5 +23,4 @@ def solve_draft_of(
     if until is not None:
         constraints = [c for c in constraints if max(c.from_id, c.to_id) <= until]
     quick = replace(config.graph, covariances=False, certify=False, groups=False)
-    planar = moves_in_plane(store)
-    return solve_by_chains(nodes, constraints, planar, quick, motions_judged=False)
+    return solve_by_chains(nodes, constraints, moves_in_plane(store), quick, motions_judged=False)

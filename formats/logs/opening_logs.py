@@ -15,7 +15,6 @@ from formats.logs.mcap_file import McapFile
 from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.merged import MergedLog
 from formats.logs.one_session import require_one_session
-from formats.logs.recorded_log import RecordedLog
 from formats.logs.ros1_bag import Ros1Bag
 from formats.logs.rosbag2 import (
     SQLITE_ERRORS,
@@ -208,7 +207,7 @@ _CREATED = re.compile(rb"CREATE TABLE \"?'?(\w+)")
 def _open_sqlite(path: Path) -> LogSource:
     tables = tables_of(path)
     if {"topics", "messages"} <= tables:
-        return RecordedLog(SqliteBag(UnpackedFile(path), "rosbag2 (sqlite3)"))
+        return SqliteBag(UnpackedFile(path), "rosbag2 (sqlite3)")
     if "Node" in tables:
         from formats.database.log_source import open_database_log
 
@@ -221,8 +220,8 @@ def _open_packed(path: Path) -> LogSource:
     with file.open() as stream:
         is_mcap = stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC
     if is_mcap:
-        return RecordedLog(McapFile(file, "MCAP, packed with zstd"))
-    return RecordedLog(SqliteBag(file, "rosbag2 (sqlite3), packed with zstd"))
+        return McapFile(file, "MCAP, packed with zstd")
+    return SqliteBag(file, "rosbag2 (sqlite3), packed with zstd")
 
 
 def tables_of(path: Path) -> Set[str]:
@@ -266,13 +265,13 @@ _READERS = (
         says="a ROS 1 .bag",
         endings=(".bag",),
         fits=lambda start, _: begins_about_as(start, b"#ROSBAG V"),
-        opener=lambda path: RecordedLog(Ros1Bag(UnpackedFile(path), "ROS 1 bag")),
+        opener=lambda path: Ros1Bag(UnpackedFile(path), "ROS 1 bag"),
     ),
     _Reader(
         says="an .mcap",
         endings=(".mcap",),
         fits=lambda start, _: begins_about_as(start, MCAP_MAGIC),
-        opener=lambda path: RecordedLog(McapFile(UnpackedFile(path), "MCAP")),
+        opener=lambda path: McapFile(UnpackedFile(path), "MCAP"),
     ),
     _Reader(
         says="a .db3.zstd/.mcap.zstd",  # rosbag2 compressed the file as a whole

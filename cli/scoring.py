@@ -52,7 +52,7 @@ def score_loops(store: MapStore, truth: Trajectory, pairs: Path | None) -> LoopS
     measured = np.array([c.i_from_j for c in kept], np.float64)
     true_pairs: NDArray[np.int64] = np.zeros((0, 2), np.int64)
     if pairs is not None:
-        true_pairs = read_loop_pairs(pairs)[0]
+        true_pairs = read_loop_pairs(pairs)
     return loop_closure_score(moments.reshape(-1, 2), measured.reshape(-1, 4, 4), truth, true_pairs)
 
 

@@ -20,13 +20,7 @@ from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.map_figures import contradictions_of
 from mapmyworld.mapping.occupancy import added_grid, build_grid
 from mapmyworld.places.session_joining import locate_session
-from mapmyworld.sessions.copying import (
-    Placed,
-    add_drive,
-    copied_constraints,
-    copy_drives,
-    copy_plan,
-)
+from mapmyworld.sessions.copying import Placed, copied_constraints, copy_drives, copy_plan
 from mapmyworld.sessions.joining import have_scans, session_places, tie_sessions
 from mapmyworld.sessions.session_maps import (
     SessionMap,
@@ -201,7 +195,7 @@ def _write(
     with store.extend_stage("plan", inputs):
         copy_plan([store, session_map.store], store)
     with store.extend_stage("track", inputs):
-        add_drive(laid.item, store)
+        copy_drives([laid.item], store)
     with store.extend_stage("recognise", inputs):
         store.add_constraints(as_found(laid.constraints))
     with store.extend_stage("optimise", inputs):

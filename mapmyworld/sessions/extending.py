@@ -13,7 +13,7 @@ import numpy as np
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
+from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.edited_constraints import as_found
 from mapmyworld.graph.frame_poses import pose_every_frame
@@ -29,7 +29,7 @@ from mapmyworld.sessions.session_maps import (
     note_sessions,
     skeleton_of,
 )
-from mapmyworld.stages.draw_maps import draw_maps
+from mapmyworld.stages.draw_maps import draw_maps, scans_at
 from mapmyworld.stages.kept import has_images
 from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve_and_judge import note_solution, solve_and_judge
@@ -234,9 +234,8 @@ def _draw(
     config: Config,
     progress: Progress,
 ) -> None:
-    planar, known = matrix_to_planar(map_from_frame), store.grid()
-    scans = session_map.store.scans(np.arange(len(planar)))
-    more = build_grid(((planar[frame], scan) for frame, scan in scans), config)
+    known, every = store.grid(), np.arange(len(map_from_frame))
+    more = build_grid(scans_at(session_map.store, every, map_from_frame), config)
     total = None if known is None else added_grid(known, more, config)
     if total is None:
         draw_maps(store, config, progress)

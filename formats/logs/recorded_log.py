@@ -68,8 +68,6 @@ class RecordedLog:
             (str(self.path),),
             self.name,
             self.path.stat().st_size,
-            sum(index.counts.values()),
-            *index.span_ns(),
             merged_topics(map(self._topic, index.channels)),
             tuple(index.details),
             tuple(dict.fromkeys(index.problems)),

@@ -96,7 +96,9 @@ def figures_of(
     if (laid := _laid_upon(first, candidate)) is not None:
         figures["apart_m"] = laid.rmse
     if candidate.grid is not None:
-        figures |= grid_sharpness(candidate.grid).as_dict()
+        grid = candidate.grid
+        figures |= grid_sharpness(grid).as_dict()
+        figures |= {"free_m2": grid.area_m2(0), "occupied_m2": grid.area_m2(100)}
     wanted = ("cpu_s", "wall_s", "peak_memory_mb")
     figures |= {key: candidate.summary[key] for key in wanted if key in candidate.summary}
     return {key: value for key, value in figures.items() if value is not None}

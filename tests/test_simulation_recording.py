@@ -130,7 +130,7 @@ def test_the_laser_agrees_with_the_true_grid(flat: Recording) -> None:
     from scipy.spatial import cKDTree
 
     tree = cKDTree(walls * grid.resolution + grid.origin)
-    mount = np.array([flat.settings.laser.mount_x, 0.0, 0.0])
+    mount = np.array([flat.truth.settings.laser.mount_x, 0.0, 0.0])
     (stream,) = (s for s in flat.streams if SCAN_TOPIC in s.topics)
     scans = [stream.messages(k)[0][1] for k in range(0, len(stream.schedule.times), 50)]
     for scan in scans:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -149,12 +150,5 @@ def merged_topics(topics: Iterable[TopicInfo]) -> tuple[TopicInfo, ...]:
 def _added(a: TopicInfo, b: TopicInfo) -> TopicInfo:
     firsts = [t.first_ns for t in (a, b) if t.first_ns is not None]
     lasts = [t.last_ns for t in (a, b) if t.last_ns is not None]
-    return TopicInfo(
-        a.topic,
-        a.type_name,
-        a.kind,
-        a.encoding,
-        a.count + b.count,
-        min(firsts, default=None),
-        max(lasts, default=None),
-    )
+    first, last = min(firsts, default=None), max(lasts, default=None)
+    return replace(a, count=a.count + b.count, first_ns=first, last_ns=last)

@@ -32,7 +32,7 @@ with atheris.instrument_imports(include=["formats", "mapmyworld", "rosbags"]):
     from formats.cloud_files import read_cloud
     from formats.database import open_store
     from formats.edit_files import read_edits
-    from formats.graph_files import read_graph
+    from formats.graph_reading import read_graph
     from formats.grid_files import read_grid
     from formats.logs import foxglove_decoders, open_log, ros_decoders
     from formats.logs.channels import Channel

@@ -17,7 +17,7 @@ from graph_gtsam import examples_cost
 from graph_large import unequal
 from graph_worlds import drive, meetings, posed, sigmas, some, street_walk, turned
 
-from formats.graph_files import read_graph
+from formats.graph_reading import read_graph
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.graph.optimisation import optimise

@@ -26,7 +26,7 @@ from graph_large import LARGE
 from graph_restarts import random_starts
 from graph_worlds import HARD, KINDS, Maker, world
 
-from formats.graph_files import read_graph
+from formats.graph_reading import read_graph
 from mapmyworld.backend import block_matrix
 from mapmyworld.backend.descent import descend
 from mapmyworld.backend.system import System, fit_of

@@ -57,11 +57,11 @@ def cpu_seconds(work: Callable[[], int]) -> tuple[float, int]:
 
 def decompress_all(log: RecordedLog) -> int:
     """Bytes of all chunks, read and decompressed, and nothing else."""
-    total, container = 0, log.container
-    with container.path.open("rb") as stream:
-        for block in container.index().blocks:
+    total = 0
+    with log.path.open("rb") as stream:
+        for block in log.index().blocks:
             stream.seek(block.offset)
-            if container.name == "MCAP":
+            if log.name == "MCAP":
                 content = stream.read(record_head(stream.read(HEAD_BYTES))[1])
                 head = parse_chunk_head(content[:128])
                 stored = content[head.data_at :]

@@ -87,7 +87,7 @@ def bare_work(log: Path, path: Path) -> Iterator[Bare]:
 
 def read_file(log: Path) -> None:
     opened = open_log([log])
-    if isinstance(opened, RecordedLog) and opened.container.index().blocks:
+    if isinstance(opened, RecordedLog) and opened.index().blocks:
         decompress_all(opened)
     elif log.suffix == ".bz2":
         bz2.decompress(log.read_bytes())

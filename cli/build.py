@@ -18,7 +18,7 @@ from cli.outputs import forget_products, require_map_place
 from cli.progress import StderrProgress, rate_text
 from cli.repeating import repeat_and_compare
 from cli.standard_streams import show_result
-from cli.storing import build_into, no_empty_map, storage_arguments
+from cli.storing import build_into, no_empty_map, products_beside, storage_arguments
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
@@ -151,23 +151,11 @@ def _build(
     opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)
     with only_writer(map_path), no_empty_map(map_path), opening() as store:
         result = build_into(store, log, config, progress, method)
-        written = [str(map_path)]
-        if export:
-            from mapmyworld.exporting import export_beside
-
-            if overwrite:
-                forget_products(map_path)
-            progress.stage("export")
-            written += export_beside(store, map_path, config)
-        progress.end()
-        cost = {"duration_s": result.duration_s, **progress.spent()}
-        cost["real_time_factor"] = result.duration_s / max(cost["wall_s"], 1e-9)
-        if export:
-            from cli.report import report_beside
-
-            reused = bool(result.reused_stages)
-            written += report_beside(store, map_path, cost, progress, continued=reused)
-    return {**asdict(result), "files": written, **cost}
+        if export and overwrite:
+            forget_products(map_path)
+        given, reused = (store, map_path, config, progress), bool(result.reused_stages)
+        written, cost = products_beside(*given, result.duration_s, export=export, continued=reused)
+    return {**asdict(result), "files": [str(map_path), *written], **cost}
 
 
 def _summary_lines(summary: dict[str, Any]) -> list[str]:

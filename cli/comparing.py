@@ -20,6 +20,8 @@ from mapmyworld.exporting import trajectory_of
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.map_figures import tracked_path
 from mapmyworld.mapping.occupancy import build_grid
+from mapmyworld.stages.draw_maps import scans_at
+from mapmyworld.stages.kept import has_scans
 from mapmyworld.types import MapStore, OccupancyGrid, Trajectory
 from mapmyworld.types.maps import Relations
 
@@ -69,10 +71,8 @@ def without_closures(store: MapStore, config: Config) -> Candidate:
     """What the neighbour constraints alone make of a map's scans: tracking, and nothing else."""
     frames = store.tracked_frames()
     poses = tracked_path(store.nodes(), frames)
-    planar = matrix_to_planar(poses)
-    scans = ((planar[k], scan) for k, scan in store.scans(np.arange(len(poses))))
-    first = next(iter(store.scans(np.arange(len(poses)))), None)
-    grid = None if first is None else build_grid(scans, config)
+    scans = scans_at(store, np.arange(len(poses)), poses)
+    grid = build_grid(scans, config) if has_scans(store) else None
     return Candidate("neighbour", Trajectory(frames.stamps_ns, poses), grid)
 
 
@@ -96,7 +96,9 @@ def figures_of(
     if (laid := _laid_upon(first, candidate)) is not None:
         figures["apart_m"] = laid.rmse
     if candidate.grid is not None:
-        figures |= grid_sharpness(candidate.grid).as_dict()
+        grid = candidate.grid
+        figures |= grid_sharpness(grid).as_dict()
+        figures |= {"free_m2": grid.area_m2(0), "occupied_m2": grid.area_m2(100)}
     wanted = ("cpu_s", "wall_s", "peak_memory_mb")
     figures |= {key: candidate.summary[key] for key in wanted if key in candidate.summary}
     return {key: value for key, value in figures.items() if value is not None}

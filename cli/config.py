@@ -14,7 +14,7 @@ from cli.completion import settings_from
 from cli.standard_streams import show_result
 from formats.limits import Limits, set_limits
 from formats.nested_text import read_toml
-from mapmyworld.config import Config, LimitsConfig
+from mapmyworld.config import Config
 from mapmyworld.config.settings import Setting, apply_settings, as_toml, flatten, list_settings
 from mapmyworld.errors import ConfigError
 
@@ -51,7 +51,9 @@ def load_config(config_path: Path | None, changes: Sequence[str]) -> Config:
     if config_path is not None:
         values |= flatten(read_toml(config_path))
     config = apply_settings(Config(), values | changed_values(changes))
-    _use_limits(config.limits)
+    most = config.limits
+    pixels, unpacked = most.image_megapixels * 1_000_000, most.unpacked_gb << 30
+    set_limits(Limits(most.chunk_mb << 20, pixels, unpacked))
     return config
 
 
@@ -64,13 +66,6 @@ def changed_values(changes: Sequence[str]) -> dict[str, str]:
             raise ConfigError(f"--set {change}: write it as KEY=VALUE")
         values[name.strip()] = value.strip()
     return values
-
-
-def _use_limits(config: LimitsConfig) -> None:
-    limits = Limits(
-        config.chunk_mb << 20, config.image_megapixels * 1_000_000, config.unpacked_gb << 30
-    )
-    set_limits(limits)
 
 
 _IDLE = ("threads",)  # settings that change no result

@@ -77,8 +77,7 @@ def images(map_path: Path, output: Path | None, names: Any) -> None:
 
     folder = output or map_path.with_name(map_path.stem + "_images")
     with open_map(map_path) as store:
-        written = write_images(folder, node_items(store), names)
-        show_written([folder], store, written.problems)
+        show_written([folder], store, write_images(folder, node_items(store), names))
 
 
 @click.command()

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import ConstraintKind, MapStore
 
 _NO_FIGURES = (
@@ -32,18 +31,14 @@ def figures_of(store: MapStore) -> dict[str, float]:
     from cli.inspect_map import map_facts
 
     found = flattened({"map": map_facts(store)})
-    poses, constraints = store.poses(), store.constraints()
+    poses = store.poses()
     for kind in ConstraintKind:
         for verdict in ("tried", "accepted", "rejected"):
             found[f"graph.constraints.{kind}.{verdict}"] = 0.0
     if poses is not None:
-        from cli.inspect_graph import graph_facts
-        from mapmyworld.map_figures import contradictions_of, divides_of, tracked_poses
+        from cli.inspect_graph import facts_of_map
 
-        start, planar = tracked_poses(store.nodes()), moves_in_plane(store)
-        facts = graph_facts(poses, constraints, start, planar, None, 10, divides_of(store))
-        facts["problems"] = contradictions_of(store.get("solve") or {})
-        found |= flattened({"graph": facts})
+        found |= flattened({"graph": facts_of_map(store, poses, None, 10)})
     return found
 
 

@@ -16,7 +16,7 @@ from cli.standard_streams import show_result
 from formats.database import open_store
 from mapmyworld.errors import MapError
 from mapmyworld.sensing.plan import moves_in_plane
-from mapmyworld.types import OF_ONE_NODE, ConstraintKind, Judged, Poses
+from mapmyworld.types import OF_ONE_NODE, ConstraintKind, Judged, MapStore, Poses
 from mapmyworld.types.wording import in_words, name_of_ends, reason_of
 
 _LEVEL = 0.005  # deg: a turn about the vertical alone
@@ -61,13 +61,6 @@ def graph(
     mapmyworld inspect graph office.db --pair 3 17 --image pair.png
     mapmyworld inspect graph office.db --between 3 17
     """
-    from mapmyworld.map_figures import (
-        contradictions_of,
-        divides_of,
-        tracked_poses,
-        variance_factors_of,
-    )
-
     require_outputs([] if image is None else [image], [map_path])
     if pair is not None:
         if image is None:
@@ -76,28 +69,19 @@ def graph(
         return
 
     with open_store(map_path, read_only=True) as store:
-        poses, constraints = store.poses(), store.constraints()
-        factors = variance_factors_of(store)
-        grid = store.grid() if image is not None else None
-        nodes = store.nodes()
-        planar = moves_in_plane(store)
-        solved = store.get("solve") or {}
-        divides = divides_of(store)
-        relative = None if between is None or poses is None else _relative(store, *between)
-    if poses is None:
-        raise MapError(f"{map_path}: its graph is not solved yet: finish `mapmyworld build` first")
-    start = tracked_poses(nodes)
-    shown = None if everything else worst
-    facts = graph_facts(poses, constraints, start, planar, shown, worst, divides, factors)
-    facts["certainty"] = solved.get("certainty", "")
-    facts["problems"] = contradictions_of(solved)
-    if relative is not None:
-        facts["between"] = relative
-    if image is not None:
-        from formats.report.map_pictures import write_graph_picture
+        poses = store.poses()
+        if poses is None:
+            raise MapError(
+                f"{map_path}: its graph is not solved yet: finish `mapmyworld build` first"
+            )
+        facts = facts_of_map(store, poses, None if everything else worst, worst)
+        if between is not None:
+            facts["between"] = _relative(store, *between)
+        if image is not None:
+            from formats.report.map_pictures import write_graph_picture
 
-        write_graph_picture(image, poses, constraints, grid)
-        note(f"drew {image}")
+            write_graph_picture(image, poses, store.constraints(), store.grid())
+            note(f"drew {image}")
     show_result(facts, _lines(facts))
 
 
@@ -124,7 +108,7 @@ def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
     note(f"drew {path}")
 
 
-def _relative(store: Any, from_id: int, to_id: int) -> dict[str, Any]:
+def _relative(store: MapStore, from_id: int, to_id: int) -> dict[str, Any]:
     """The relative pose of two nodes and its uncertainty, from the accepted constraints."""
     import numpy as np
 
@@ -148,6 +132,28 @@ def _relative(store: Any, from_id: int, to_id: int) -> dict[str, Any]:
     }
 
 
+def facts_of_map(
+    store: MapStore, poses: Poses, rejected_shown: int | None, worst: int
+) -> dict[str, Any]:
+    """What `inspect graph` shows of a map, but for what it is asked about single nodes."""
+    from mapmyworld.map_figures import (
+        contradictions_of,
+        divides_of,
+        tracked_poses,
+        variance_factors_of,
+    )
+
+    solved, start = store.get("solve") or {}, tracked_poses(store.nodes())
+    facts = graph_facts(
+        poses, store.constraints(), start, moves_in_plane(store), rejected_shown, worst,
+        divides_of(store), variance_factors_of(store),
+    )  # fmt: skip
+    return facts | {
+        "certainty": solved.get("certainty", ""),
+        "problems": contradictions_of(solved),
+    }
+
+
 def graph_facts(
     poses: Poses,
     constraints: tuple[Judged, ...],
@@ -158,7 +164,7 @@ def graph_facts(
     divides: Collection[int] = (),
     factors: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
-    """Everything that `inspect graph` shows; `divides` as in `mapmyworld.map_figures`.
+    """The figures of a solved graph; `divides` as in `mapmyworld.map_figures`.
 
     Normalised residuals are those of covariances scaled by these `factors`, all others those that
     were stated, as verdicts have them.

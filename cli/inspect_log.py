@@ -158,10 +158,7 @@ def plan_lines(plan: Plan) -> list[str]:
 def plan_json(plan: Plan) -> dict[str, Any]:
     """The plan for programs."""
     return {
-        "decisions": [
-            {"role": d.role, "choice": d.choice, "reason": d.reason, "others": list(d.others)}
-            for d in plan.decisions
-        ],
+        "decisions": [asdict(decision) for decision in plan.decisions],
         "base_frame": plan.base_frame,
         "planar": plan.planar,
         "clock": "log" if plan.use_log_time else "header",

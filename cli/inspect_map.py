@@ -93,8 +93,8 @@ def _grid_facts(grid: OccupancyGrid) -> dict[str, Any]:
         "resolution_m": grid.resolution,
         "width": int(cells.shape[1]),
         "height": int(cells.shape[0]),
-        "free_m2": found["free_m2"],
-        "occupied_m2": found["occupied_m2"],
+        "free_m2": grid.area_m2(0),
+        "occupied_m2": grid.area_m2(100),
         "unknown_share": float((cells == -1).mean()),
         "mean_entropy_bits": found["entropy_bits"],
     }

@@ -20,15 +20,13 @@ from cli.outputs import (
     require_output_name,
 )
 from cli.progress import StderrProgress
-from cli.report import report_beside
 from cli.standard_streams import show_result
-from cli.storing import ResultMaps, build_into, numbered, storage_arguments
+from cli.storing import ResultMaps, build_into, numbered, products_beside, storage_arguments
 from formats.database import MemoryMap, open_store
 from formats.database.lock import only_writer
 from formats.logs import open_log
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError
-from mapmyworld.exporting import export_beside
 from mapmyworld.sessions import MergedMap, SessionMap, extend_map, load_session_map, merge_maps
 from mapmyworld.types import MapStore
 
@@ -110,7 +108,9 @@ def _summary(
     beside: list[str] = []
     for path, made in zip(results, maps, strict=True):
         if export:
-            beside += _export(path, config, progress)
+            forget_products(path)
+            with open_store(path, read_only=True) as store:
+                beside += products_beside(store, path, config, progress)[0]
         elif made.names != (str(path),):  # else it is what it was
             _note_stale(path, progress)
     return {
@@ -127,16 +127,6 @@ def _summary(
         "files": [*map(str, results), *beside],
         **progress.spent(),
     }
-
-
-def _export(path: Path, config: Config, progress: StderrProgress) -> list[str]:
-    """What `build` writes beside its database."""
-    forget_products(path)
-    progress.stage("export")
-    with open_store(path, read_only=True) as store:
-        written = export_beside(store, path, config)
-        progress.end()
-        return written + report_beside(store, path, progress.spent(), progress, continued=False)
 
 
 def _note_stale(path: Path, progress: StderrProgress) -> None:

@@ -65,7 +65,7 @@ def optimise(
     output = output or Path(f"{path.stem}_optimised.g2o")
     _require_place(output, path)
     require_outputs([] if image is None else [image], [path, output])
-    import formats.graph_files  # noqa: F401  so that its import does not count as reading
+    import formats.graph_reading  # noqa: F401  so that its import does not count as reading
 
     started = time.perf_counter()
     graph, problems, notes = load_graph(path)
@@ -150,7 +150,7 @@ def _write(
 def load_graph(path: Path) -> tuple[PoseGraph, list[str], list[str]]:
     """The graph of a text file or of a map, its problems, and its notes."""
     from formats.database.connection import is_sqlite
-    from formats.graph_files import read_graph
+    from formats.graph_reading import read_graph
 
     if path.is_file() and is_sqlite(path):
         return _graph_of_map(path), [], []

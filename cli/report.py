@@ -31,7 +31,7 @@ from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, OccupancyGr
 from mapmyworld.types.wording import reason_of
 
 if TYPE_CHECKING:
-    from cli.progress import StageCost, StderrProgress
+    from cli.progress import StageCost
 
 _TIMING = ".timing.json"  # where `build` notes what its stages took
 _SHOWN = ("name", "wall_s", "cpu_s", "peak_memory_mb", "rounds")  # of a stage
@@ -48,24 +48,6 @@ def write_report(
     timing = timing or timing_beside(store)
     contents = report_contents(store, timing, every_match=every_match, folder=path.parent)
     write_whole(path, report_html(contents))
-
-
-def report_beside(
-    store: MapStore,
-    map_path: Path,
-    cost: Mapping[str, Any],
-    progress: StderrProgress,
-    *,
-    continued: bool,
-) -> list[str]:
-    """The page about a map just made, and what its stages took, which the page shows apart."""
-    progress.stage("report")
-    page = map_path.with_suffix(".html")
-    write_report(
-        store, page, note_timing(map_path, cost, list(progress.costs.values()), continued=continued)
-    )
-    progress.finish()
-    return [str(page)]
 
 
 def note_timing(

@@ -34,13 +34,13 @@ def nees_of_map(path: Path, truth: Trajectory, max_difference_s: float) -> float
     return None if poses is None else map_nees(nodes, poses, truth, max_difference_s)
 
 
-def truth_beside(reference: Path) -> Path | None:
-    """`loop_pairs.csv` beside a true trajectory, where it is."""
+def truth_beside(reference: Path) -> NDArray[np.int64] | None:
+    """The true loops (P, 2) of `loop_pairs.csv` beside a true trajectory, where it is."""
     path = reference.with_name("loop_pairs.csv")
-    return path if path.is_file() else None
+    return read_loop_pairs(path) if path.is_file() else None
 
 
-def score_loops(store: MapStore, truth: Trajectory, pairs: Path | None) -> LoopScore:
+def score_loops(store: MapStore, truth: Trajectory, pairs: NDArray[np.int64] | None) -> LoopScore:
     """Accepted loop closures and proximity constraints of a map, judged by the truth."""
     stamps = {node.id: node.stamp_ns for node in store.nodes()}
     kept = [
@@ -50,9 +50,7 @@ def score_loops(store: MapStore, truth: Trajectory, pairs: Path | None) -> LoopS
     ]
     moments = np.array([[stamps[c.from_id], stamps[c.to_id]] for c in kept], np.int64)
     measured = np.array([c.i_from_j for c in kept], np.float64)
-    true_pairs: NDArray[np.int64] = np.zeros((0, 2), np.int64)
-    if pairs is not None:
-        true_pairs = read_loop_pairs(pairs)[0]
+    true_pairs = np.zeros((0, 2), np.int64) if pairs is None else pairs
     return loop_closure_score(moments.reshape(-1, 2), measured.reshape(-1, 4, 4), truth, true_pairs)
 
 

@@ -47,6 +47,43 @@ def build_into(
     return build_map(SteadyLog(log), store, config, progress, method=method, words=words)
 
 
+def products_beside(
+    store: MapStore,
+    map_path: Path,
+    config: Config,
+    progress: StderrProgress,
+    duration_s: float | None = None,
+    *,
+    export: bool = True,
+    continued: bool = False,
+) -> tuple[list[str], dict[str, float]]:
+    """Writes grid, trajectory, cloud and page of a map just made, where they are wanted; gives
+    their names, and what all took but the page, which shows it.
+
+    `duration_s` is that of the log; `continued`: some stages were done before.
+    """
+    written: list[str] = []
+    if export:
+        from mapmyworld.exporting import export_beside
+
+        progress.stage("export")
+        written += export_beside(store, map_path, config)
+    progress.end()
+    cost = progress.spent()
+    if duration_s is not None:
+        cost = {"duration_s": duration_s, **cost}
+        cost["real_time_factor"] = duration_s / max(cost["wall_s"], 1e-9)
+    if export:
+        from cli.report import note_timing, write_report
+
+        progress.stage("report")
+        page, stages = map_path.with_suffix(".html"), list(progress.costs.values())
+        write_report(store, page, note_timing(map_path, cost, stages, continued=continued))
+        progress.finish()
+        written.append(str(page))
+    return written, cost
+
+
 def _given_words(path: str) -> dict[int, Any] | None:
     """The visual words that the settings name; None where they are learned from the log."""
     if not path:

@@ -5,7 +5,7 @@ And its numbers as poses and matrices: triangles, quaternions, angles, covarianc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import TypeVar
 
@@ -58,11 +58,6 @@ def _inverted(covariances: Array) -> Array:
     return found
 
 
-def _as_they_are(numbers: Array) -> Array:
-    """X, y, yaw, or a point."""
-    return numbers[..., :3].copy()
-
-
 def _from_quaternions(numbers: Array) -> Array:
     """Poses (..., 4, 4) of x, y, z and a quaternion x y z w (..., 7)."""
     return make_transform(quaternion_to_rotation(numbers[..., 3:7]), numbers[..., :3])
@@ -74,19 +69,11 @@ def _from_angles(numbers: Array) -> Array:
     return make_transform(yaw @ pitch @ roll, numbers[:, :3])
 
 
-POSES: dict[str, Callable[[Array], Array]] = {
-    "VERTEX_SE2": _as_they_are,
-    "VERTEX2": _as_they_are,
-    "EDGE_SE2": _as_they_are,
-    "EDGE2": _as_they_are,
-    "ODOMETRY": _as_they_are,
-    "VERTEX_SE3:QUAT": _from_quaternions,
-    "EDGE_SE3:QUAT": _from_quaternions,
-    "VERTEX3": _from_angles,
-    "VERTEX_XY": _as_they_are,
-    "VERTEX_TRACKXYZ": _as_they_are,
-    "EDGE3": _from_angles,
-}
+def poses_of(tag: str, numbers: Array) -> Array:
+    """Poses or points of the numbers (R, ...) behind a tag: as they are in the plane."""
+    if tag.endswith(":QUAT"):
+        return _from_quaternions(numbers)
+    return _from_angles(numbers) if tag in ("VERTEX3", "EDGE3") else numbers[:, :3].copy()
 
 
 def edges_of(tables: Tables, planar: bool, problems: list[str]) -> Edges:
@@ -102,7 +89,7 @@ def _edges_of(tag: str, table: Table, planar: bool, problems: list[str]) -> Edge
     information = _symmetric(table.numbers, layout)
     if tag == "ODOMETRY":
         information = _inverted(information)
-    poses = POSES[tag](table.numbers[:, 2:])
+    poses = poses_of(tag, table.numbers[:, 2:])
     good, loop = _sound(problems, tag, table.lines, information), tails == heads
     if loop.any():
         problems.append(f"{tag} from a node to itself (line {listed(table.lines[loop])})")

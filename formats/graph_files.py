@@ -1,4 +1,4 @@
-"""Pose graphs as files: g2o in and out; TORO and GTSAM's landmark format in."""
+"""Pose graphs as g2o files; `graph_reading.py` reads them, and other kinds."""
 
 from __future__ import annotations
 
@@ -8,21 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.graph_reading import GraphFile, graph_from_text, read_graph
 from formats.whole_files import write_whole
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION
 from mapmyworld.geometry.rotations import rotation_to_quaternion
 from mapmyworld.types.pose_graph import PoseGraph, Sightings
-
-__all__ = [
-    "GraphFile",
-    "cartesian",
-    "graph_from_text",
-    "read_graph",
-    "text_from_graph",
-    "write_graph",
-]
 
 # Of vertices, landmarks, edges, sightings and priors, in the plane and in space.
 _TAGS = {

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.graph_edges import POSES, edges_of, priors_of, sightings_of
+from formats.graph_edges import edges_of, poses_of, priors_of, sightings_of
 from formats.graph_lines import Columns, Table, listed, tables_from_text
 from formats.whole_files import read_whole
 from mapmyworld.errors import MapError
@@ -167,7 +167,7 @@ def _vertices(
         if tag in tables:
             ids.append(tables[tag].numbers[:, 0].astype(np.int64))
             lines.append(tables[tag].lines)
-            places.append(POSES[tag](tables[tag].numbers[:, 1:]))
+            places.append(poses_of(tag, tables[tag].numbers[:, 1:]))
     every = np.concatenate(ids)
     unique, first = np.unique(every, return_index=True)
     if len(unique) < len(every):

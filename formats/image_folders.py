@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,33 +22,25 @@ _PER_METRE = 5000  # TUM's unit of depth: a fifth of a millimetre
 _JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG"
 
 
-@dataclass(slots=True)
-class WrittenImages:
-    """What `write_images` wrote and what it could not."""
-
-    colour: int = 0
-    depth: int = 0
-    problems: list[str] = field(default_factory=list)
-
-
 def write_images(
     folder: Path,
     items: Iterable[tuple[Node, NodeData, NDArray[np.float64]]],
     names: Names = "stamp",
-) -> WrittenImages:
-    """Writes rgb/, depth/, their lists, the calibration and the cameras' poses.
+) -> list[str]:
+    """Writes rgb/, depth/, their lists, the calibration and the cameras' poses; gives what it could
+    not write, one line each.
 
     `items`: node, data, map_from_base (4, 4). The first camera's files have TUM's names, those of
-    the others a folder of their own. A damaged image is passed over and reported. Raises `MapError`
-    where the map keeps no images.
+    the others a folder of their own. A damaged image is passed over. Raises `MapError` where the
+    map keeps no images.
     """
-    written, lists, cameras = WrittenImages(), dict[str, list[str]](), dict[str, dict[str, Any]]()
+    problems, lists, cameras = list[str](), dict[str, list[str]](), dict[str, dict[str, Any]]()
     stamps, poses, truths = [], [], []
     for node, data, map_from_base in items:
         for number, image in enumerate(data.images):
             place = "" if number == 0 else f"camera_{number}/"
             cameras.setdefault(place or "camera_0/", _calibration(image))
-            _write_pair(folder, place, node, image, names, lists, written)
+            _write_pair(folder, place, node, image, names, lists, problems)
         if data.images:
             stamps.append(node.stamp_ns)
             base_from_camera = data.images[0].camera.base_from_camera
@@ -64,7 +55,7 @@ def write_images(
     _write_poses(folder / "camera_poses.tum", list(zip(stamps, poses, strict=True)))
     if truths:
         _write_poses(folder / "groundtruth.txt", truths)
-    return written
+    return problems
 
 
 def _write_poses(path: Path, poses: list[tuple[int, NDArray[np.float64]]]) -> None:
@@ -88,7 +79,7 @@ def _write_pair(
     image: RgbdImage,
     names: Names,
     lists: dict[str, list[str]],
-    written: WrittenImages,
+    problems: list[str],
 ) -> None:
     for kind, picture in (("rgb", image.colour), ("depth", image.depth)):
         if picture is None:
@@ -97,7 +88,7 @@ def _write_pair(
         try:
             suffix, data = _depth_file(picture) if kind == "depth" else _colour_file(picture)
         except MapError as error:
-            written.problems.append(str(error))
+            problems.append(str(error))
             continue
         listed = lists.setdefault(f"{place}{kind}", [])
         line = f"{seconds_text(picture.stamp_ns)} {kind}/{name}{suffix}"
@@ -108,8 +99,6 @@ def _write_pair(
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         write_whole(folder / file, data)
         listed.append(line)
-        written.colour += kind == "rgb"
-        written.depth += kind == "depth"
 
 
 def _colour_file(picture: ImageMessage) -> tuple[str, bytes]:

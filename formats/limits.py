@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mapmyworld.errors import MapMyWorldError
-
 
 @dataclass(frozen=True, slots=True)
 class Limits:
@@ -30,12 +28,3 @@ def limits() -> Limits:
 def set_limits(new: Limits) -> None:
     """Sets them for the whole process, before files are opened: readers work on many threads."""
     _InForce.limits = new
-
-
-def check_unpacked(size: int, path: object, error: type[MapMyWorldError]) -> None:
-    """Raises `error` where a compressed file unpacks to more than it may."""
-    if size > limits().unpacked_bytes:
-        raise error(
-            f"{path}: unpacks to more than {limits().unpacked_bytes >> 30} GB: if that is right, "
-            "set limits.unpacked_gb higher"
-        )

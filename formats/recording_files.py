@@ -7,8 +7,7 @@ import struct
 from contextlib import suppress
 from pathlib import Path
 
-from formats.logs.channels import Channel
-from formats.logs.definitions import standard_store
+from formats.logs.definitions import described_channel, standard_store
 from formats.recording_sinks import SINKS, Handle, Sink
 from formats.ros_messages import RosFields, ros_message
 from mapmyworld.errors import LogError
@@ -60,12 +59,12 @@ class LogWriter:
         Raises `LogError` where that cannot hold it.
         """
         type_name, built = ros_message(message, self._store)
-        handle = self._handles.get((topic, type_name))
+        handle, encoding = self._handles.get((topic, type_name)), self.sink.encoding
         if handle is None:
             latching = isinstance(message, TransformsMessage) and message.static
-            handle = self.sink.add(self._channel(topic, type_name, latching))
-            self._handles[topic, type_name] = handle
-        is_ros1 = self.sink.encoding == "ros1"
+            channel = described_channel(self._store, topic, type_name, encoding, latching)
+            handle = self._handles[topic, type_name] = self.sink.add(channel)
+        is_ros1 = encoding == "ros1"
         serialise = self._store.serialize_ros1 if is_ros1 else self._store.serialize_cdr
         try:
             data = bytes(serialise(built, type_name))
@@ -85,16 +84,6 @@ class LogWriter:
                     self.sink.close()
         finally:
             shutil.rmtree(self._part, ignore_errors=True)
-
-    def _channel(self, topic: str, type_name: str, latching: bool) -> Channel:
-        if self.sink.encoding == "ros1":
-            text, digest = self._store.generate_msgdef(type_name)
-            schema_encoding = "ros1msg"
-        else:
-            text, _ = self._store.generate_msgdef(type_name, ros_version=2)
-            digest, schema_encoding = self._store.hash_rihs01(type_name), "ros2msg"
-        encoding = self.sink.encoding
-        return Channel(topic, type_name, encoding, schema_encoding, text.encode(), digest, latching)
 
 
 def container_of(path: Path) -> str:

@@ -41,10 +41,6 @@ def ascending(trajectory: Trajectory) -> Trajectory:
     return Trajectory(stamps, trajectory.poses.reshape(-1, 4, 4)[first])
 
 
-def _tum_lines(trajectory: Trajectory) -> Iterator[str]:
-    return _stamped_lines(trajectory, " ", seconds_text)
-
-
 def _kitti_lines(trajectory: Trajectory) -> Iterator[str]:
     for pose in trajectory.poses:
         yield " ".join(f"{number:.12g}" for number in pose[:3].ravel().tolist())
@@ -69,7 +65,7 @@ def _text(number: float) -> str:
 
 
 _WRITERS: dict[str, Callable[[Trajectory], Iterator[str]]] = {
-    "tum": _tum_lines,
+    "tum": lambda trajectory: _stamped_lines(trajectory, " ", seconds_text),
     "kitti": _kitti_lines,
     "csv": _csv_lines,
 }

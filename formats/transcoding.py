@@ -9,7 +9,14 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from formats.logs.channels import Channel
-from formats.logs.definitions import HEADER, recorded_store, ros1_store, ros2_store, standard_store
+from formats.logs.definitions import (
+    HEADER,
+    described_channel,
+    recorded_store,
+    ros1_store,
+    ros2_store,
+    standard_store,
+)
 from formats.recording_sinks import Handle, McapSink, Sink
 from mapmyworld.errors import LogError
 
@@ -36,13 +43,12 @@ def transcoder_for(channel: Channel, sink: Sink) -> Transcoder | None:
         return None
     if channel.encoding == sink.encoding:
         return Transcoder(sink.add(_complete(channel)), _unchanged)
-    to_ros1 = sink.encoding == "ros1"
     try:
         store = _ros2_view(channel)
-        target = _converted_channel(channel, store, to_ros1=to_ros1)
+        target = _converted_channel(channel, store, sink.encoding)
     except Exception:  # rosbags promises no family of errors for definitions it cannot take
         return None
-    change = store.cdr_to_ros1 if to_ros1 else store.ros1_to_cdr
+    change = store.cdr_to_ros1 if sink.encoding == "ros1" else store.ros1_to_cdr
 
     def convert(data: bytes) -> bytes:
         try:
@@ -97,15 +103,11 @@ def _with_header(store: Typestore, source: Typestore) -> Typestore:
     return changed
 
 
-def _converted_channel(channel: Channel, store: Typestore, *, to_ros1: bool) -> Channel:
+def _converted_channel(channel: Channel, store: Typestore, encoding: str) -> Channel:
+    to_ros1 = encoding == "ros1"
     name = channel.type_name if to_ros1 else _RENAMED.get(channel.type_name, channel.type_name)
     if name != channel.type_name:
         store = ros2_store()
     if to_ros1:
-        text, digest = _with_header(store, ros1_store()).generate_msgdef(name, ros_version=1)
-        return Channel(
-            channel.topic, name, "ros1", "ros1msg", text.encode(), digest, channel.latching
-        )
-    text, _ = store.generate_msgdef(name, ros_version=2)
-    digest = store.hash_rihs01(name)
-    return Channel(channel.topic, name, "cdr", "ros2msg", text.encode(), digest, channel.latching)
+        store = _with_header(store, ros1_store())
+    return described_channel(store, channel.topic, name, encoding, channel.latching)

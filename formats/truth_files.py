@@ -58,19 +58,18 @@ def _write_pairs(path: Path, loops: Relations) -> None:
     write_whole(path, "\n".join(lines) + "\n")
 
 
-def read_loop_pairs(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Stamps (P, 2) and poses (P, 3) of loop_pairs.csv; `MapError` names a line that is wrong."""
-    stamps, poses = [], []
+def read_loop_pairs(path: Path) -> NDArray[np.int64]:
+    """Stamps (P, 2) of loop_pairs.csv; `MapError` names a line that is wrong."""
+    stamps = []
     lines = read_whole(path).decode("ascii", "replace").splitlines()
     for number, line in enumerate(lines[1:], start=2):
         fields = line.split(",")
         try:
             first, second, x, y, yaw = fields
             stamps.append((nanoseconds_from_integer(first), nanoseconds_from_integer(second)))
-            poses.append((float(x), float(y), float(yaw)))
-            if not (np.abs(poses[-1]) <= FARTHEST).all():
+            if not (np.abs([float(x), float(y), float(yaw)]) <= FARTHEST).all():
                 raise ValueError
         except ValueError:
             expected = ",".join(_PAIR_COLUMNS)
             raise MapError(f"{path}, line {number}: expected {expected}") from None
-    return np.array(stamps, np.int64).reshape(-1, 2), np.array(poses).reshape(-1, 3)
+    return np.array(stamps, np.int64).reshape(-1, 2)

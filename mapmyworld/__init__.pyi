@@ -1,6 +1,5 @@
-from formats import open_log as open_log
-from formats import open_map as open_map
 from formats.database import MemoryMap as MemoryMap
+from formats.logs import open_log as open_log
 from mapmyworld.api import Built as Built
 from mapmyworld.api import Merged as Merged
 from mapmyworld.api import build as build
@@ -9,6 +8,7 @@ from mapmyworld.api import edit as edit
 from mapmyworld.api import export as export
 from mapmyworld.api import localise as localise
 from mapmyworld.api import merge as merge
+from mapmyworld.api import open_map as open_map
 from mapmyworld.config import Config as Config
 from mapmyworld.conversions import cloud as cloud
 from mapmyworld.conversions import to_arrays as to_arrays

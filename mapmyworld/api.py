@@ -24,6 +24,7 @@ from mapmyworld.types.edits import Edit
 from mapmyworld.types.localisation import Localisation
 
 PathLike = str | os.PathLike[str]
+open_map = open_store
 _GRIDS = (".yaml", ".yml")
 
 

@@ -224,22 +224,16 @@ def grid_at(store: MapStore, config: Config, resolution: float | None) -> Occupa
 
 def _planar_scans(store: MapStore, config: Config) -> Iterator[tuple[Array, Scan]]:
     """All scans at their places; made from depth where there is no laser."""
-    from mapmyworld.geometry.planar import matrix_to_planar
-    from mapmyworld.mapping.depth_grid import planar_scan
+    from mapmyworld.stages.draw_maps import depth_scans, scans_at
 
-    indices, poses = frame_poses(store)
-    place = dict(zip(indices.tolist(), matrix_to_planar(poses), strict=True))
     found = False
-    for frame, scan in store.scans(indices):
+    for scan in scans_at(store, *frame_poses(store)):
         found = True
-        yield place[frame], scan
-    if found:
-        return
-    for pose, data in nodes_with_poses(store):
-        for image in data.images:
-            if image.depth is not None:
-                found = True
-                yield planar_scan(image, pose, config)
+        yield scan
+    if not found:
+        for scan in depth_scans(store, solved_poses(store), config):
+            found = True
+            yield scan
     _require(found, store, "keeps neither scans nor depth to make a grid of")
 
 

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from mapmyworld.types import LogInfo, Message, RawMessage, TopicInfo
+from mapmyworld.types import LogInfo, Message, RawMessage, topics_of
 
 
 class MemoryLog:
@@ -18,22 +18,8 @@ class MemoryLog:
         self._messages = sorted(messages, key=lambda item: item[2])
 
     def info(self) -> LogInfo:
-        times = [time for _, _, time in self._messages] or [0]
-        topics = dict.fromkeys(topic for topic, _, _ in self._messages)
-        return LogInfo(
-            paths=("memory",),
-            container="memory",
-            size_bytes=0,
-            message_count=len(self._messages),
-            start_ns=times[0],
-            end_ns=times[-1],
-            topics=tuple(self._topic(name) for name in sorted(topics)),
-        )
-
-    def _topic(self, name: str) -> TopicInfo:
-        mine = [(message, time) for topic, message, time in self._messages if topic == name]
-        kind = mine[0][0].kind
-        return TopicInfo(name, str(kind), kind, "memory", len(mine), mine[0][1], mine[-1][1])
+        topics = topics_of(self.messages(), lambda raw: str(raw.kind), "memory")
+        return LogInfo(("memory",), "memory", 0, topics)
 
     def content_hash(self) -> str:
         """Of times, topics and every array that is at hand; images by what they were made of."""

@@ -19,6 +19,7 @@ from cli.main import group
 from formats.check_results import Verdict, junit_xml, markdown
 from formats.database import open_store
 from mapmyworld.errors import ConfigError
+from mapmyworld.types import ConstraintKind
 
 
 @pytest.fixture
@@ -43,6 +44,20 @@ def test_every_number_that_inspect_prints_can_be_required(small: Path) -> None:
             assert figures[name] == value
             result = run("check", small, "--allow-partial", "--require", f"{name} == {value!r}")
             assert result.exit_code == 0, result.output
+
+
+def test_residuals_are_judged_by_the_covariances_that_inspect_prints(small: Path) -> None:
+    """Scaled by the variance factors of the solution: 4 for all kinds halves what was stated."""
+    name = "graph.overconfidence.neighbour"
+    with open_store(small) as store:
+        stated = figures_of(store)[name]
+        store.put("solve", {"variance_factors": dict.fromkeys(ConstraintKind, 4.0)})
+        assert figures_of(store)[name] == pytest.approx(stated / 2.0)
+    shown = json.loads(run("inspect", "graph", small, "--format", "json").stdout)
+    printed = shown["overconfidence"]["neighbour"]
+    assert printed == pytest.approx(stated / 2.0)
+    result = run("check", small, "--allow-partial", "--require", f"{name} == {printed!r}")
+    assert result.exit_code == 0, result.output
 
 
 def test_a_failing_gate_says_by_how_much(small: Path) -> None:

@@ -34,11 +34,12 @@ def walled(thickness: int, p_wall: float = 0.9) -> OccupancyGrid:
 
 def test_sharpness_of_one_wall_by_hand() -> None:
     """Wall of 50 x 2 cells: area 100, outline 104 edges; entropy of p = 0.1 and 0.9 is the same."""
-    found = grid_sharpness(walled(2))
+    grid = walled(2)
+    found = grid_sharpness(grid)
     assert found.wall_thickness_m == pytest.approx(2 * 100 / 104 * 0.1)
     assert found.entropy_bits == pytest.approx(0.46899559, rel=1e-6)
-    assert found.occupied_m2 == pytest.approx(1.0)
-    assert found.free_m2 == pytest.approx(23.0)
+    assert grid.area_m2(100) == pytest.approx(1.0)
+    assert grid.area_m2(0) == pytest.approx(23.0)
 
 
 def test_blurred_and_doubled_walls_are_less_sharp() -> None:

@@ -16,7 +16,7 @@ from database_samples import fill, grid
 from cli.export import export
 from formats.cloud_files import read_cloud
 from formats.database import open_store
-from formats.graph_files import read_graph
+from formats.graph_reading import read_graph
 from formats.grid_files import read_grid
 from formats.logs import open_log
 from formats.trajectory_files import read_trajectory

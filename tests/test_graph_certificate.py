@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from formats.graph_files import read_graph
+from formats.graph_reading import read_graph
 from mapmyworld.backend.certificate import Certificate, certify, proof_of
 from mapmyworld.backend.convex_relaxation import (
     lower_weights,

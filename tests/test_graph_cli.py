@@ -19,7 +19,7 @@ from cli.inspect_graph import _row, _uncertainty_line, graph_facts
 from cli.main import group
 from cli.optimise import optimise
 from formats.database import open_store
-from formats.graph_files import read_graph
+from formats.graph_reading import read_graph
 from formats.report.map_pictures import write_graph_picture
 from mapmyworld.errors import MapError
 from mapmyworld.graph.solved_graph import solve

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from formats.graph_files import graph_from_text, read_graph, text_from_graph
+from formats.graph_files import text_from_graph
+from formats.graph_reading import graph_from_text, read_graph
 from mapmyworld.errors import MapError
 
 PLANAR = """\

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from formats.graph_files import graph_from_text, read_graph
+from formats.graph_reading import graph_from_text, read_graph
 from mapmyworld.backend.residuals import retract
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_exp, planar_log

@@ -12,7 +12,7 @@ from log_laws import check_cut, check_laws
 from test_logs_carmen import SMALL as CARMEN
 from test_logs_tum import make as make_tum
 
-from formats.logs.opening_logs import _FOLDERS, _READERS
+from formats.logs.opening_logs import _READERS
 from mapmyworld.types import Message, MessageKind
 
 
@@ -47,10 +47,11 @@ def test_every_reader_has_a_log_here(tmp_path: Path) -> None:
     files = [file for log in logs for file in ([log] if log.is_file() else log.iterdir())]
     starts = {file: file.read_bytes()[:65536] for file in files if file.is_file()}
     for reader in _READERS:
+        if not reader.endings:
+            assert any(reader.fits(b"", log) for log in logs if log.is_dir()), reader.says
+            continue
         assert any(reader.fits(start, file) for file, start in starts.items()), reader.says
         assert all(reader.names(file) for file in starts if reader.fits(starts[file], file))
-    for folder_reader in _FOLDERS:
-        assert any(folder_reader.fits(log) for log in logs if log.is_dir()), folder_reader.says
 
 
 def test_every_type_of_message_has_its_kind() -> None:

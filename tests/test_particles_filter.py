@@ -187,7 +187,7 @@ def test_the_proposal_finds_the_true_pose_and_knows_how_well() -> None:
     maps = mapped(RING, around)
     z = beams_at(RING, truth)
     start = compose_planar(truth, np.array([-0.11, 0.09, -0.06]))
-    proposal = improved_proposal(start[None], [one(u, wide)], [z], maps, SIGMA, 1)
+    proposal = improved_proposal(start[None], [one(u, wide)], [z], maps, SIGMA)
     assert np.hypot(*(proposal.mean[0, 0] - truth)[:2]) < 0.01
     assert abs(proposal.mean[0, 0, 2] - truth[2]) < 0.005
     assert np.sqrt(proposal.covariance[0, 0].diagonal()).max() < 0.02
@@ -199,7 +199,7 @@ def test_in_a_corridor_the_proposal_is_as_long_as_the_motion_leaves_it() -> None
     maps = mapped(CORRIDOR, poses)
     z = beams_at(CORRIDOR, np.array([0.8, 0.0, 0.0]))
     u = np.array([0.1, 0.0, 0.0])
-    proposal = improved_proposal(poses[-1:], [one(u, motion)], [z], maps, SIGMA, 1)
+    proposal = improved_proposal(poses[-1:], [one(u, motion)], [z], maps, SIGMA)
     sigma = np.sqrt(proposal.covariance[0, 0].diagonal())
     assert sigma[0] == pytest.approx(0.2, rel=0.3)
     assert sigma[1] < 0.02
@@ -212,7 +212,7 @@ def test_weights_prefer_the_particle_that_is_right() -> None:
     x = np.stack([truth, truth + np.array([0.6, 0.5, 0.4])])
     u, tight = np.zeros(3), np.diag([0.005, 0.005, 0.002]) ** 2
     z = beams_at(RING, truth)
-    proposal = improved_proposal(x, [one(u, tight)], [z], maps, SIGMA, 1)
+    proposal = improved_proposal(x, [one(u, tight)], [z], maps, SIGMA)
     assert proposal.log_weight[0] > proposal.log_weight[1] + 0.5
 
 
@@ -227,7 +227,7 @@ def test_a_scan_that_fits_two_places_is_placed_where_the_odometry_leads() -> Non
     u = np.array([0.2, 0.1, np.radians(8.0)])
     motion = one(u, np.diag([0.12, 0.12, np.radians(5.0)]) ** 2)
     z = beams_at(walls, truth)
-    proposal = improved_proposal(truth[None], [motion], [z], maps, SIGMA, 1)
+    proposal = improved_proposal(truth[None], [motion], [z], maps, SIGMA)
     assert np.hypot(*(proposal.mean[0, 0] - truth)[:2]) < 0.02
     assert abs(proposal.mean[0, 0, 2] - truth[2]) < 0.01
 
@@ -245,7 +245,7 @@ def stalled() -> tuple[Array, TileMaps, Motion]:
 def test_where_odometry_and_tracking_differ_particles_take_what_the_map_confirms() -> None:
     truth, maps, motion = stalled()
     z = beams_at(RING, truth)
-    proposal = improved_proposal(np.tile(truth, (400, 1)), [motion], [z], maps, SIGMA, 1)
+    proposal = improved_proposal(np.tile(truth, (400, 1)), [motion], [z], maps, SIGMA)
     x = proposal.sample(np.random.default_rng(3))
     right = np.hypot(*(x - truth)[:, :2].T) < 0.1
     assert right.mean() == pytest.approx(proposal.chosen[0, 1], abs=0.01)
@@ -271,8 +271,8 @@ def test_the_scans_after_one_that_lies_decide_between_it_and_the_odometry() -> N
     fork = Motion(u, np.stack([tight, tight]), np.array([0.99, 0.01]))
     still = one(np.zeros(3), tight)
     lie, z = beams_at(RING, truth + np.array([0.0, 0.0, 0.35])), beams_at(RING, truth)
-    alone = improved_proposal(truth[None], [fork], [lie], maps, SIGMA, 1)
-    proposal = improved_proposal(truth[None], [fork, still, still], [lie, z, z], maps, SIGMA, 1)
+    alone = improved_proposal(truth[None], [fork], [lie], maps, SIGMA)
+    proposal = improved_proposal(truth[None], [fork, still, still], [lie, z, z], maps, SIGMA)
     assert alone.chosen[0, 1] > 0.99
     assert proposal.chosen[0, 0] > 0.99
 

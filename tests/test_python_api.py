@@ -14,7 +14,6 @@ import pytest
 from conftest import ROOT
 from room_drive import drive
 
-import formats
 import mapmyworld
 from mapmyworld.types import PointCloud
 
@@ -30,18 +29,16 @@ def names_in(stub: str) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("module", [mapmyworld, formats])
-def test_what_is_promised_is_there(module: object) -> None:
-    name = module.__name__  # type: ignore[attr-defined]
-    assert set(module.__all__) == names_in(f"{name}/__init__.pyi")  # type: ignore[attr-defined]
-    for attribute in module.__all__:  # type: ignore[attr-defined]
-        assert getattr(module, attribute) is not None
+def test_what_is_promised_is_there() -> None:
+    assert set(mapmyworld.__all__) == names_in("mapmyworld/__init__.pyi")
+    for attribute in mapmyworld.__all__:
+        assert getattr(mapmyworld, attribute) is not None
     with pytest.raises(AttributeError, match="nothing_of_ours"):
-        _ = module.nothing_of_ours  # type: ignore[attr-defined]
+        _ = mapmyworld.nothing_of_ours  # type: ignore[attr-defined]
 
 
 def test_importing_the_library_loads_nothing() -> None:
-    code = "import mapmyworld, formats, sys; print('numpy' in sys.modules)"
+    code = "import mapmyworld, sys; print('numpy' in sys.modules)"
     out = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300
     )
@@ -51,7 +48,7 @@ def test_importing_the_library_loads_nothing() -> None:
 def test_a_map_in_memory_is_that_of_a_file(tmp_path: Path) -> None:
     log = mapmyworld.MemoryLog(drive().entries)
     memory = mapmyworld.build(log)
-    with formats.open_map(tmp_path / "map.db", create=True) as store:
+    with mapmyworld.open_map(tmp_path / "map.db", create=True) as store:
         filed = mapmyworld.build(log, into=store)
         assert filed.result.nodes == memory.result.nodes
         ours, theirs = memory.map.poses(), store.poses()
@@ -165,10 +162,9 @@ def test_a_map_without_depth_has_no_cloud(room: Path) -> None:
         mapmyworld.cloud(room.with_suffix(".db"))
 
 
-@pytest.mark.parametrize("module", [mapmyworld, formats])
-def test_completion_in_a_notebook_shows_what_there_is(module: ModuleType) -> None:
+def test_completion_in_a_notebook_shows_what_there_is() -> None:
     """Without importing anything: completion asks `dir`."""
-    assert set(module.__all__) <= set(dir(module))
+    assert set(mapmyworld.__all__) <= set(dir(mapmyworld))
 
 
 def test_completion_of_the_library_shows_the_verbs() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
@@ -15,13 +14,7 @@ from formats.database.opening_maps import open_store
 from formats.database.store import DatabaseStore
 from formats.logs.files import hash_files
 from mapmyworld.errors import LogError, MapError
-from mapmyworld.types import (
-    LogInfo,
-    MessageKind,
-    NodeData,
-    RawMessage,
-    TopicInfo,
-)
+from mapmyworld.types import LogInfo, NodeData, RawMessage, TopicInfo, topics_of
 
 _ENCODING = "rtabmap"
 
@@ -53,29 +46,16 @@ class DatabaseLog:
 
     def info(self) -> LogInfo:
         if self._topics is None:
-            self._topics = self._counted()
+            messages = self.messages()  # looked at once; none is decoded
+            self._topics = topics_of(messages, lambda raw: TYPES[raw.kind], _ENCODING)
         path = self._store.path
         foreign = isinstance(self._store, RtabmapStore)
         return LogInfo(
             paths=(str(path),),
             container="RTAB-Map database" if foreign else "map of mapmyworld",
             size_bytes=path.stat().st_size,
-            message_count=sum(topic.count for topic in self._topics),
-            start_ns=self._moments[0].stamp_ns,
-            end_ns=self._moments[-1].stamp_ns,
             topics=self._topics,
             problems=self._store.problems,
-        )
-
-    def _counted(self) -> tuple[TopicInfo, ...]:
-        """By looking at every message once; none is decoded."""
-        counts, kinds = Counter[str](), dict[str, MessageKind]()
-        for raw in self.messages():
-            counts[raw.topic] += 1
-            kinds[raw.topic] = raw.kind
-        return tuple(
-            TopicInfo(topic, TYPES[kinds[topic]], kinds[topic], _ENCODING, count)
-            for topic, count in counts.items()
         )
 
     def content_hash(self) -> str:

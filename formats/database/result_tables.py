@@ -86,8 +86,8 @@ class ResultTables(Transactions):
             return None
         if not (np.abs(figures) <= FARTHEST).all() or figures[0] <= 0.0:
             raise MapError(f"{self.path}: grid figures: a damaged array (of no grid)")
-        resolution, x, y, occupied, free = (float(value) for value in figures)
-        return OccupancyGrid(log_odds, resolution, np.array([x, y]), occupied, free)
+        resolution, x, y = (float(value) for value in figures[:3])  # all grids have our thresholds
+        return OccupancyGrid(log_odds, resolution, np.array([x, y]))
 
     def set_parameters(self, parameters: Mapping[str, str]) -> None:
         """Adds to how the map was made, in RTAB-Map's parameter names."""

@@ -1,24 +1,14 @@
-"""Files that are read block by block: ROS 1 bags, MCAP files and rosbag2 databases.
-
-What a recorder noted about its own file is not believed, for it may be missing or lie, and every
-command reads all of a log anyway: the index is made by reading the file through once.
-"""
+"""Files of records, bags and MCAP files, read through from the first record to the last."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Collection, Iterator
-from contextlib import AbstractContextManager
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import BinaryIO, TypeVar
 
-from formats.logs.channels import Block, Channel, Found, Index, Record
-from formats.logs.clock_steps import ClockStep, step_in
-from formats.logs.files import UnpackedFile
-from formats.logs.time_order import in_time_order
-from mapmyworld.errors import LogError
+from formats.logs.channels import Found, Index
 
 Definitions = TypeVar("Definitions")
 _WINDOW_BYTES = 1 << 20
@@ -28,78 +18,6 @@ HEAD_BYTES = 128
 
 class DamagedBlockError(Exception):
     """A block that cannot be read; the message says why."""
-
-
-class BlockFile:
-    """One file of blocks; a child knows how they are found and read."""
-
-    def __init__(self, file: UnpackedFile, name: str) -> None:
-        self._file, self.path = file, file.path
-        self.name = name
-        self._index: Index | None = None
-        self.clock_step: ClockStep | None = None
-        """Where the clock was set back; known with the index."""
-
-    def _opened(self) -> AbstractContextManager[Any]:
-        """What the blocks are read from."""
-        return self._file.open()
-
-    def _scan(self, source: Any) -> Index:
-        """All of it; what is bad is skipped and reported."""
-        raise NotImplementedError
-
-    def _messages(self, source: Any, block: Block) -> list[Found]:
-        """A block's messages in file order; DamagedBlockError where it is not as it was."""
-        raise NotImplementedError
-
-    def index(self) -> Index:
-        """Blocks and channels; made by looking through all of the file."""
-        if self._index is None:
-            with self._opened() as source:
-                index = self._scan(source)
-                step = step_in(index.blocks, partial(self._records, source, index.channels))
-            _note_nameless(index, self.path)
-            index.problems[:0] = self._file.problems()
-            if step is not None:
-                step.report(self.path, index.problems)
-                index.blocks[:] = map(step.moved, index.blocks)
-            self._index, self.clock_step = index, step
-        return self._index
-
-    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
-        """Records in log-time order, block by block."""
-        index = self.index()
-        wanted = {
-            key: channel
-            for key, channel in index.channels.items()
-            if topics is None or channel.topic in topics
-        }
-        blocks = [block for block in index.blocks if not block.channels.isdisjoint(wanted)]
-        with self._opened() as source:
-            yield from in_time_order(blocks, partial(self._mended, source, wanted))
-
-    def _mended(self, source: Any, wanted: dict[int, Channel], block: Block) -> list[Record]:
-        records = self._records(source, wanted, block)
-        return records if self.clock_step is None else self.clock_step.mended(block, records)
-
-    def _records(self, source: Any, wanted: dict[int, Channel], block: Block) -> list[Record]:
-        """A block's records on these channels."""
-        try:
-            found = self._messages(source, block)
-        except DamagedBlockError as error:
-            raise LogError(
-                f"{self.path}: was changed or removed while it was read ({error}): give the same "
-                "command again when it is complete"
-            ) from error
-        return [(time, wanted[key], data) for time, key, data in found if key in wanted]
-
-
-def _note_nameless(index: Index, path: Path) -> None:
-    for key in sorted(index.counts.keys() - index.channels.keys()):
-        index.problems.append(
-            f"{path}: {index.counts[key]} message(s) of channel number {key}, which is defined "
-            "nowhere, are left out"
-        )
 
 
 Taking = Callable[[bytes, int, Definitions, list[Found]], int]

@@ -67,14 +67,10 @@ class Index:
                 self.counts[key] = self.counts.get(key, 0) + count
             self.blocks.append(Block(offset, length, min(times), max(times), frozenset(counts)))
 
-    def span_ns(self, channel: int | None = None) -> tuple[int, int]:
-        """First and last log time, of the blocks in which a channel speaks."""
-        spans = [
-            (block.start_ns, block.end_ns)
-            for block in self.blocks
-            if channel is None or channel in block.channels
-        ]
-        return min((s for s, _ in spans), default=0), max((e for _, e in spans), default=0)
+    def span_ns(self, channel: int) -> tuple[int, int]:
+        """First and last log time of the blocks in which a channel speaks."""
+        blocks = [block for block in self.blocks if channel in block.channels]
+        return min(block.start_ns for block in blocks), max(block.end_ns for block in blocks)
 
 
 def normalised_type(name: str) -> str:

@@ -52,6 +52,18 @@ def standard_store(encoding: str) -> Typestore:
     return ros1_store() if encoding == "ros1" else ros2_store()
 
 
+def described_channel(
+    store: Typestore, topic: str, type_name: str, encoding: str, latching: bool
+) -> Channel:
+    """A channel of "ros1" or "cdr" with its type's definition and hash, as this store has it."""
+    if encoding == "ros1":
+        text, digest = store.generate_msgdef(type_name, ros_version=1)
+        return Channel(topic, type_name, encoding, "ros1msg", text.encode(), digest, latching)
+    text, _ = store.generate_msgdef(type_name, ros_version=2)
+    digest = store.hash_rihs01(type_name)
+    return Channel(topic, type_name, encoding, "ros2msg", text.encode(), digest, latching)
+
+
 def recorded_store(channel: Channel) -> Typestore:
     """The types that the channel's own definition names.
 

@@ -16,7 +16,7 @@ from typing import BinaryIO, cast
 
 import zstandard
 
-from formats.limits import check_unpacked
+from formats.limits import limits
 from mapmyworld.errors import LogError
 
 _READ_BYTES = 1 << 20
@@ -76,13 +76,17 @@ class UnpackedFile:
         return open_binary(self.plain())
 
     def _unpack(self) -> Path:
-        handle, name = tempfile.mkstemp(prefix="mapmyworld-")
+        most, (handle, name) = limits().unpacked_bytes, tempfile.mkstemp(prefix="mapmyworld-")
         weakref.finalize(self, Path.unlink, Path(name), missing_ok=True)
         with os.fdopen(handle, "wb") as copy, open_binary(self.path) as packed:
             blocks = _unpacked_zstd if self.path.suffix == ".zstd" else _unpacked
             try:
                 for block in blocks(packed):
-                    check_unpacked(copy.tell() + len(block), self.path, LogError)
+                    if copy.tell() + len(block) > most:
+                        raise LogError(
+                            f"{self.path}: unpacks to more than {most >> 30} GB: if that is right, "
+                            "set limits.unpacked_gb higher"
+                        )
                     copy.write(block)
             except DECOMPRESSION_ERRORS as error:
                 self.damage = str(error)

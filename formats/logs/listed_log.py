@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from formats.logs.files import hash_files
-from mapmyworld.types import LogInfo, RawMessage, TopicInfo
+from mapmyworld.types import LogInfo, RawMessage, topics_of
 
 
 class ListedLog:
@@ -38,30 +38,10 @@ class ListedLog:
             (str(self.path),),
             self.container,
             sum(path.stat().st_size for path in self._files() if path.is_file()),
-            len(self._listed),
-            self._listed[0].log_time_ns if self._listed else 0,
-            self._listed[-1].log_time_ns if self._listed else 0,
-            self._topics(),
+            topics_of(self._listed, lambda raw: self.type_names[raw.topic], self.encoding),
             tuple(self.details),
             tuple(self.problems),
             tuple(sorted(self.doubts.items())),
-        )
-
-    def _topics(self) -> tuple[TopicInfo, ...]:
-        found: dict[str, list[RawMessage]] = {}
-        for raw in self._listed:
-            found.setdefault(raw.topic, []).append(raw)
-        return tuple(
-            TopicInfo(
-                topic,
-                self.type_names[topic],
-                raws[0].kind,
-                self.encoding,
-                len(raws),
-                raws[0].log_time_ns,
-                raws[-1].log_time_ns,
-            )
-            for topic, raws in sorted(found.items())
         )
 
     def content_hash(self) -> str:

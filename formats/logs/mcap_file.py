@@ -11,7 +11,7 @@ from isal.isal_zlib import crc32
 from mcap.records import Header
 
 from formats.limits import limits
-from formats.logs.block_files import BlockFile, DamagedBlockError, RecordScan
+from formats.logs.block_files import DamagedBlockError, RecordScan
 from formats.logs.channels import Block, Found, Index
 from formats.logs.compression import MAX_DEFINITION_BYTES
 from formats.logs.files import begins_about_as
@@ -31,6 +31,7 @@ from formats.logs.mcap_records import (
     parsed,
     record_head,
 )
+from formats.logs.recorded_log import RecordedLog
 from mapmyworld.errors import LogError
 
 _FOOTER = Struct("<QQI")  # where the summary begins, and its parts' offsets; its checksum
@@ -40,7 +41,7 @@ _DAY_NS = 86_400_000_000_000
 _COMPRESSIONS = {"", "none", "lz4", "zstd"}
 
 
-class McapFile(BlockFile):
+class McapFile(RecordedLog):
     """An MCAP file; raises `LogError` where it is none."""
 
     def _scan(self, source: BinaryIO) -> Index:

@@ -23,14 +23,10 @@ class MergedLog:
 
     def info(self) -> LogInfo:
         infos = [source.info() for source in self.sources]
-        filled = [info for info in infos if info.message_count] or infos
         return LogInfo(
             tuple(path for info in infos for path in info.paths),
             " + ".join(dict.fromkeys(info.container for info in infos)),
             sum(info.size_bytes for info in infos),
-            sum(info.message_count for info in infos),
-            min(info.start_ns for info in filled),
-            max(info.end_ns for info in filled),
             merged_topics(topic for info in infos for topic in info.topics),
             tuple(dict.fromkeys(detail for info in infos for detail in info.details)),
             (*self.problems, *(problem for info in infos for problem in info.problems)),

@@ -15,7 +15,6 @@ from formats.logs.mcap_file import McapFile
 from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.merged import MergedLog
 from formats.logs.one_session import require_one_session
-from formats.logs.recorded_log import RecordedLog
 from formats.logs.ros1_bag import Ros1Bag
 from formats.logs.rosbag2 import (
     SQLITE_ERRORS,
@@ -36,15 +35,16 @@ _PACKED = ("", ".bz2", ".gz")  # after the ending of a text log
 
 @dataclass(frozen=True, slots=True)
 class _Reader:
-    """A kind of log that is a file."""
+    """A kind of log: a file, or a folder."""
 
     says: str
     """In messages: what to give."""
-    endings: tuple[str, ...]
-    """By these one in a folder is found: as a part of the log, or as one of its own (`batch`)."""
     fits: Callable[[bytes, Path], bool]
-    """Whether a file's first bytes, and its path, are those of one."""
+    """Whether a file's first bytes, and its path, are those of one; the path of a folder."""
     opener: Callable[[Path], LogSource]
+    endings: tuple[str, ...] = ()
+    """By these a file in a folder is found: as a part of the log, or as one of its own (`batch`);
+    none of a folder."""
     is_text: bool = False
     """Others use its endings too, so its first bytes must fit as well; it may be packed."""
 
@@ -59,15 +59,6 @@ class _Reader:
             return self.fits(_first_bytes(path), path)
         except LogError:
             return False
-
-
-@dataclass(frozen=True, slots=True)
-class _FolderReader:
-    """A kind of log that is a folder."""
-
-    says: str
-    fits: Callable[[Path], bool]
-    opener: Callable[[Path], LogSource]
 
 
 def open_log(paths: Sequence[Path | str]) -> LogSource:
@@ -110,7 +101,7 @@ _PART = re.compile(r"(.+)_(\d+)(\..+)")
 
 def _is_log_folder(path: Path) -> bool:
     return path.is_dir() and (
-        (path / "metadata.yaml").is_file() or any(reader.fits(path) for reader in _FOLDERS)
+        (path / "metadata.yaml").is_file() or _reader_of(b"", path) is not None
     )
 
 
@@ -135,9 +126,8 @@ def _open_one(path: Path) -> LogSource:
 
 
 def _open_folder(path: Path) -> LogSource:
-    for reader in _FOLDERS:
-        if reader.fits(path):
-            return reader.opener(path)
+    if reader := _reader_of(b"", path):
+        return reader.opener(path)
     metadata = path / "metadata.yaml"
     if metadata.is_file():
         listed = listed_files(metadata)
@@ -189,16 +179,20 @@ def _numbered(path: Path) -> tuple[list[str | int], str]:
 
 
 def _open_file(path: Path) -> LogSource:
-    start = _first_bytes(path)
-    for reader in _READERS:
-        if reader.fits(start, path):
-            return reader.opener(path)
+    if reader := _reader_of(_first_bytes(path), path):
+        return reader.opener(path)
     raise LogError(f"{path}: not a log this program knows: give {_kinds()}")
+
+
+def _reader_of(start: bytes, path: Path) -> _Reader | None:
+    """The first that takes a file, or a folder; any other folder is looked through for files."""
+    kinds = (reader for reader in _READERS if bool(reader.endings) != path.is_dir())
+    return next((reader for reader in kinds if reader.fits(start, path)), None)
 
 
 def _kinds() -> str:
     """All kinds of logs in a row: what to give."""
-    *others, last = (reader.says for reader in (*_READERS, *_FOLDERS))
+    *others, last = (reader.says for reader in _READERS)
     return f"{', '.join(others)} or {last}"
 
 
@@ -208,7 +202,7 @@ _CREATED = re.compile(rb"CREATE TABLE \"?'?(\w+)")
 def _open_sqlite(path: Path) -> LogSource:
     tables = tables_of(path)
     if {"topics", "messages"} <= tables:
-        return RecordedLog(SqliteBag(UnpackedFile(path), "rosbag2 (sqlite3)"))
+        return SqliteBag(UnpackedFile(path), "rosbag2 (sqlite3)")
     if "Node" in tables:
         from formats.database.log_source import open_database_log
 
@@ -221,8 +215,8 @@ def _open_packed(path: Path) -> LogSource:
     with file.open() as stream:
         is_mcap = stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC
     if is_mcap:
-        return RecordedLog(McapFile(file, "MCAP, packed with zstd"))
-    return RecordedLog(SqliteBag(file, "rosbag2 (sqlite3), packed with zstd"))
+        return McapFile(file, "MCAP, packed with zstd")
+    return SqliteBag(file, "rosbag2 (sqlite3), packed with zstd")
 
 
 def tables_of(path: Path) -> Set[str]:
@@ -254,7 +248,6 @@ def _first_bytes(path: Path) -> bytes:
     return found
 
 
-# The first that fits takes a file.
 _READERS = (
     _Reader(
         says="a rosbag2 folder/.db3, an RTAB-Map .db",
@@ -266,13 +259,13 @@ _READERS = (
         says="a ROS 1 .bag",
         endings=(".bag",),
         fits=lambda start, _: begins_about_as(start, b"#ROSBAG V"),
-        opener=lambda path: RecordedLog(Ros1Bag(UnpackedFile(path), "ROS 1 bag")),
+        opener=lambda path: Ros1Bag(UnpackedFile(path), "ROS 1 bag"),
     ),
     _Reader(
         says="an .mcap",
         endings=(".mcap",),
         fits=lambda start, _: begins_about_as(start, MCAP_MAGIC),
-        opener=lambda path: RecordedLog(McapFile(UnpackedFile(path), "MCAP")),
+        opener=lambda path: McapFile(UnpackedFile(path), "MCAP"),
     ),
     _Reader(
         says="a .db3.zstd/.mcap.zstd",  # rosbag2 compressed the file as a whole
@@ -280,7 +273,7 @@ _READERS = (
         fits=lambda start, path: start.startswith(ZSTD_MAGIC) and path.suffix == ".zstd",
         opener=_open_packed,
     ),
-    # Last, because its marks may stand anywhere in the start.
+    # Last of files, because its marks may stand anywhere in the start.
     _Reader(
         says="a CARMEN .log/.clf/.gfs",
         endings=(".log", ".clf", ".gfs"),
@@ -288,12 +281,9 @@ _READERS = (
         opener=CarmenLog,
         is_text=True,
     ),
-)
-# Any other folder is looked through for files.
-_FOLDERS = (
-    _FolderReader(
+    _Reader(
         says="a TUM RGB-D folder",
-        fits=lambda folder: any((folder / name).is_file() for name in LISTS),
+        fits=lambda _, folder: any((folder / name).is_file() for name in LISTS),
         opener=TumRgbdLog,
     ),
 )

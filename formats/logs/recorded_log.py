@@ -1,78 +1,141 @@
-"""A container of serialised messages as a LogSource: info, and lazily decoded messages."""
+"""Containers of serialised messages: ROS 1 bags, MCAP files and rosbag2 databases.
+
+What a recorder noted about its own file is not believed, for it may be missing or lie, and every
+command reads all of a log anyway: the index is made by reading the file through once.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 from formats.bounds import LATEST_NS
-from formats.logs.block_files import BlockFile
-from formats.logs.channels import Record
-from formats.logs.clock_steps import moved_stamps
+from formats.logs.block_files import DamagedBlockError
+from formats.logs.channels import Block, Channel, Found, Index, Record
+from formats.logs.clock_steps import ClockStep, moved_stamps, step_in
 from formats.logs.decoding import decoder_for
-from formats.logs.files import hash_files
+from formats.logs.files import UnpackedFile, hash_files
+from formats.logs.time_order import in_time_order
+from mapmyworld.errors import LogError
 from mapmyworld.types import LogInfo, RawMessage, TopicInfo
 
 
 class RecordedLog:
-    """A LogSource over one bag or MCAP file."""
+    """A LogSource over one file of blocks; a child knows how they are found and read."""
 
-    def __init__(self, container: BlockFile) -> None:
-        self.container = container
+    def __init__(self, file: UnpackedFile, name: str) -> None:
+        self._file, self.path = file, file.path
+        self.name = name
+        self._index: Index | None = None
+        self.clock_step: ClockStep | None = None
+        """Where the clock was set back; known with the index."""
+
+    def _opened(self) -> AbstractContextManager[Any]:
+        """What the blocks are read from."""
+        return self._file.open()
+
+    def _scan(self, source: Any) -> Index:
+        """All of it; what is bad is skipped and reported."""
+        raise NotImplementedError
+
+    def _messages(self, source: Any, block: Block) -> list[Found]:
+        """A block's messages in file order; DamagedBlockError where it is not as it was."""
+        raise NotImplementedError
+
+    def index(self) -> Index:
+        """Blocks and channels; made by looking through all of the file."""
+        if self._index is None:
+            with self._opened() as source:
+                index = self._scan(source)
+                step = step_in(index.blocks, partial(self._records, source, index.channels))
+            for key in sorted(index.counts.keys() - index.channels.keys()):
+                index.problems.append(
+                    f"{self.path}: {index.counts[key]} message(s) of channel number {key}, which "
+                    "is defined nowhere, are left out"
+                )
+            index.problems[:0] = self._file.problems()
+            if step is not None:
+                step.report(self.path, index.problems)
+                index.blocks[:] = map(step.moved, index.blocks)
+            self._index, self.clock_step = index, step
+        return self._index
 
     def info(self) -> LogInfo:
-        index = self.container.index()
-        topics = merged_topics(self._topic(key) for key in index.channels)
-        start, end = index.span_ns()
+        index = self.index()
         return LogInfo(
-            (str(self.container.path),),
-            self.container.name,
-            self.container.path.stat().st_size,
-            sum(index.counts.values()),
-            start,
-            end,
-            topics,
+            (str(self.path),),
+            self.name,
+            self.path.stat().st_size,
+            merged_topics(map(self._topic, index.channels)),
             tuple(index.details),
             tuple(dict.fromkeys(index.problems)),
         )
 
-    def content_hash(self) -> str:
-        return hash_files([self.container.path])
-
-    def losses(self) -> tuple[str, ...]:
-        return tuple(self.container.index().problems)
-
-    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
-        """Messages as recorded, undecoded."""
-        for time, channel, data in self.container.records(topics):
-            yield min(max(time, 0), LATEST_NS), channel, data
-
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        for record, mended in self.mended_records(topics):
-            yield self._message(record) if mended is None else mended
-
-    def mended_records(
-        self, topics: Collection[str] | None = None
-    ) -> Iterator[tuple[Record, RawMessage | None]]:
-        """Messages as recorded; beside those whose stamps a set clock spoilt, as they should be."""
-        self.container.index()  # with which the step is known
-        step = self.container.clock_step
-        for record in self.records(topics):
-            raw = None if step is None else self._message(record)
-            moved = None if raw is None or step is None else moved_stamps(raw, step.back_ns)
-            yield record, None if moved is raw else moved
-
-    def _message(self, record: Record) -> RawMessage:
-        time, channel, data = record
-        return decoder_for(channel).message(data, time)
-
     def _topic(self, key: int) -> TopicInfo:
-        index = self.container.index()
+        index = self.index()
         channel, count = index.channels[key], index.counts.get(key, 0)
         first, last = index.span_ns(key) if count else (None, None)
         kind = decoder_for(channel).kind
         return TopicInfo(
             channel.topic, channel.type_name, kind, channel.encoding, count, first, last
         )
+
+    def content_hash(self) -> str:
+        return hash_files([self.path])
+
+    def losses(self) -> tuple[str, ...]:
+        return tuple(self.index().problems)
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
+        for record, mended in self.mended_records(topics):
+            yield _message(record) if mended is None else mended
+
+    def mended_records(
+        self, topics: Collection[str] | None = None
+    ) -> Iterator[tuple[Record, RawMessage | None]]:
+        """Messages as recorded; beside those whose stamps a set clock spoilt, as they should be."""
+        self.index()  # with which the step is known
+        step = self.clock_step
+        for record in self.records(topics):
+            raw = None if step is None else _message(record)
+            moved = None if raw is None or step is None else moved_stamps(raw, step.back_ns)
+            yield record, None if moved is raw else moved
+
+    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
+        """Messages as recorded, undecoded, in log-time order, block by block."""
+        index = self.index()
+        wanted = {
+            key: channel
+            for key, channel in index.channels.items()
+            if topics is None or channel.topic in topics
+        }
+        blocks = [block for block in index.blocks if not block.channels.isdisjoint(wanted)]
+        with self._opened() as source:
+            for time, channel, data in in_time_order(blocks, partial(self._mended, source, wanted)):
+                yield min(max(time, 0), LATEST_NS), channel, data
+
+    def _mended(self, source: Any, wanted: dict[int, Channel], block: Block) -> list[Record]:
+        records = self._records(source, wanted, block)
+        return records if self.clock_step is None else self.clock_step.mended(block, records)
+
+    def _records(self, source: Any, wanted: dict[int, Channel], block: Block) -> list[Record]:
+        """A block's records on these channels."""
+        try:
+            found = self._messages(source, block)
+        except DamagedBlockError as error:
+            raise LogError(
+                f"{self.path}: was changed or removed while it was read ({error}): give the same "
+                "command again when it is complete"
+            ) from error
+        return [(time, wanted[key], data) for time, key, data in found if key in wanted]
+
+
+def _message(record: Record) -> RawMessage:
+    time, channel, data = record
+    return decoder_for(channel).message(data, time)
 
 
 def merged_topics(topics: Iterable[TopicInfo]) -> tuple[TopicInfo, ...]:
@@ -87,12 +150,5 @@ def merged_topics(topics: Iterable[TopicInfo]) -> tuple[TopicInfo, ...]:
 def _added(a: TopicInfo, b: TopicInfo) -> TopicInfo:
     firsts = [t.first_ns for t in (a, b) if t.first_ns is not None]
     lasts = [t.last_ns for t in (a, b) if t.last_ns is not None]
-    return TopicInfo(
-        a.topic,
-        a.type_name,
-        a.kind,
-        a.encoding,
-        a.count + b.count,
-        min(firsts, default=None),
-        max(lasts, default=None),
-    )
+    first, last = min(firsts, default=None), max(lasts, default=None)
+    return replace(a, count=a.count + b.count, first_ns=first, last_ns=last)

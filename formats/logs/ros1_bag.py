@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 from formats.limits import limits
-from formats.logs.block_files import BlockFile, DamagedBlockError, RecordScan
+from formats.logs.block_files import DamagedBlockError, RecordScan
 from formats.logs.channels import Block, Channel, Found, Index
 from formats.logs.compression import MAX_DEFINITION_BYTES
 from formats.logs.files import begins_about_as
+from formats.logs.recorded_log import RecordedLog
 from formats.logs.ros1_records import (
     MAGIC,
     MAX_HEADER_BYTES,
@@ -33,7 +34,7 @@ from mapmyworld.errors import LogError
 _OLD_VERSIONS = {b"V1.0", b"V1.1", b"V1.2", b"V1.3"}
 
 
-class Ros1Bag(BlockFile):
+class Ros1Bag(RecordedLog):
     """A bag of version 2.0; raises `LogError` where it is none."""
 
     def _scan(self, source: BinaryIO) -> Index:

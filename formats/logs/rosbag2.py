@@ -11,11 +11,12 @@ from pathlib import Path
 import zstandard
 
 from formats.limits import limits
-from formats.logs.block_files import BlockFile, DamagedBlockError
+from formats.logs.block_files import DamagedBlockError
 from formats.logs.channels import Block, Channel, Found, Index, normalised_type
 from formats.logs.compression import decompress, decompress_beginning
 from formats.logs.files import UnpackedFile
 from formats.logs.mcap_records import is_transient_local
+from formats.logs.recorded_log import RecordedLog
 from formats.logs.sqlite_pages import Salvage, salvage
 from formats.stored_tables import stored_tables
 from mapmyworld.errors import LogError
@@ -63,7 +64,7 @@ Row = tuple[int, object, object, object]
 """Its number, its time in ns, its topic and its data."""
 
 
-class SqliteBag(BlockFile):
+class SqliteBag(RecordedLog):
     """One .db3 file. A block is a run of rows, which are numbered as they were written."""
 
     def __init__(self, file: UnpackedFile, name: str) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from formats.constraint_kinds import COLOURS
 from formats.picture_files import encoded_file
 from formats.report.contents import ReportContents, ShownConstraint
+from formats.report.map_axes import observed_corners
 from formats.report.page import data_uri
 from mapmyworld.types import ConstraintKind, OccupancyGrid
 
@@ -58,10 +59,7 @@ def view_of(contents: ReportContents) -> View:
     """What is shown: the path, and the cells that were seen."""
     corners = [contents.path[:, 1:], contents.nodes.places[:, :2]]
     if contents.grid is not None:
-        rows, cols = np.nonzero(np.isfinite(contents.grid.log_odds))
-        if len(rows):
-            seen = np.array([[cols.min(), rows.min()], [cols.max() + 1, rows.max() + 1]])
-            corners.append(contents.grid.origin + seen * contents.grid.resolution)
+        corners.append(observed_corners(contents.grid))
     points = np.concatenate(corners)
     points = points if len(points) else np.zeros((1, 2))
     margin = 0.03 * float(np.ptp(points, axis=0).max()) + 0.1

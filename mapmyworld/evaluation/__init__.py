@@ -6,21 +6,3 @@ from mapmyworld.evaluation.grid_agreement import GridAgreement, GridScore, grid_
 from mapmyworld.evaluation.loops import LoopScore, loop_closure_score
 from mapmyworld.evaluation.relations_metric import FEW, RelationsScore, relations_score
 from mapmyworld.evaluation.trajectory_error import TrajectoryScore, ate, rpe
-
-__all__ = [
-    "FEW",
-    "ErrorStatistics",
-    "GridAgreement",
-    "GridScore",
-    "LoopScore",
-    "RelationsScore",
-    "TrajectoryScore",
-    "ate",
-    "cloud_distances",
-    "cloud_score",
-    "grid_score",
-    "loop_closure_score",
-    "relations_score",
-    "rpe",
-    "summarise",
-]

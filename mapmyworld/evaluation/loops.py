@@ -28,10 +28,6 @@ class LoopScore:
     recall: float
     """Share of the moments at which the robot was back somewhere, that have a right closure;
     NaN where there is none."""
-    translation_errors: Array
-    """(K,) metres."""
-    rotation_errors_deg: Array
-    """(K,) degrees."""
     right: NDArray[np.bool_]
     """(K,)."""
 
@@ -56,8 +52,6 @@ def loop_closure_score(
         count=len(right),
         precision=float(right.mean()) if len(right) else 1.0,
         recall=_recall(np.sort(stamps_ns[right], axis=1), true_pairs_ns),
-        translation_errors=distance,
-        rotation_errors_deg=angle,
         right=right,
     )
 

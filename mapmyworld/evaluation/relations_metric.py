@@ -51,8 +51,6 @@ class RelationsScore:
     """(M,) which of all relations are scored."""
     translation_errors: Array
     """(N,) metres, of those that are scored."""
-    rotation_errors_deg: Array
-    """(N,)."""
 
     @property
     def outside(self) -> int:
@@ -90,7 +88,6 @@ def relations_score(trajectory: Trajectory, relations: Relations) -> RelationsSc
         cartographer_translation=_mean_std(np.linalg.norm(other[:, :3, 3], axis=1)),
         covered=covered,
         translation_errors=translation,
-        rotation_errors_deg=rotation,
     )
 
 

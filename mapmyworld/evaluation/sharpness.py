@@ -18,8 +18,6 @@ class Sharpness:
     """Mean entropy of the observed cells: 0 when all are certain, 1 when nothing is known."""
     wall_thickness_m: float
     """Mean thickness of what is occupied; not a number where nothing is."""
-    free_m2: float
-    occupied_m2: float
 
     def as_dict(self) -> dict[str, float | None]:
         """By name, as JSON values."""
@@ -28,14 +26,8 @@ class Sharpness:
 
 def grid_sharpness(grid: OccupancyGrid) -> Sharpness:
     """Entropy and wall thickness; doubled and blurred walls raise both."""
-    cells = grid.trinary()
-    area = grid.resolution**2
-    return Sharpness(
-        entropy_bits=_mean_entropy(grid),
-        wall_thickness_m=_thickness(cells == 100) * grid.resolution,
-        free_m2=float(np.count_nonzero(cells == 0) * area),
-        occupied_m2=float(np.count_nonzero(cells == 100) * area),
-    )
+    thickness = _thickness(grid.trinary() == 100) * grid.resolution
+    return Sharpness(_mean_entropy(grid), thickness)
 
 
 def _mean_entropy(grid: OccupancyGrid) -> float:

@@ -30,12 +30,6 @@ class TrajectoryScore:
     rotation_deg: ErrorStatistics
     reference_from_estimate: Array
     """(4, 4) the alignment that was applied; the identity without one."""
-    stamps_ns: NDArray[np.int64]
-    """(N,) of the estimate's poses that were scored."""
-    translation_errors: Array
-    """(N,) metres."""
-    rotation_errors_deg: Array
-    """(N,)."""
 
     @property
     def rmse(self) -> float:
@@ -54,7 +48,7 @@ def ate(
     e, r = associate(estimate, reference, max_difference_s)
     poses, truth = estimate.poses[e], reference.poses[r]
     alignment = rigid_alignment(truth[:, :3, 3], poses[:, :3, 3]) if align else np.eye(4)
-    return _scored(alignment @ poses, truth, alignment, estimate.stamps_ns[e])
+    return _scored(alignment @ poses, truth, alignment)
 
 
 def rpe(
@@ -77,23 +71,15 @@ def rpe(
         asked = f"{distance} m" if distance > 0.0 else f"{frames} frames"
         raise MapError(f"no two of {len(poses)} matched poses are {asked} apart: ask for less")
     first, second = ends[:-1], ends[1:]
-    return _scored(
-        between(poses[first], poses[second]),
-        between(truth[first], truth[second]),
-        np.eye(4),
-        estimate.stamps_ns[e][second],
-    )
+    moved, truly = between(poses[first], poses[second]), between(truth[first], truth[second])
+    return _scored(moved, truly, np.eye(4))
 
 
-def _scored(
-    estimate: Array, truth: Array, alignment: Array, stamps_ns: NDArray[np.int64]
-) -> TrajectoryScore:
+def _scored(estimate: Array, truth: Array, alignment: Array) -> TrajectoryScore:
     error = between(truth, estimate)
     translation = np.linalg.norm(error[:, :3, 3], axis=1)
     rotation = np.degrees(rotation_angle(error))
-    return TrajectoryScore(
-        summarise(translation), summarise(rotation), alignment, stamps_ns, translation, rotation
-    )
+    return TrajectoryScore(summarise(translation), summarise(rotation), alignment)
 
 
 def _ends_by_path(poses: Array, distance: float) -> NDArray[np.int64]:

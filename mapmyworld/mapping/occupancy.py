@@ -73,7 +73,4 @@ def added_grid(known: OccupancyGrid, more: OccupancyGrid, config: Config) -> Occ
         part[...] = np.where(np.isnan(part), grid.log_odds, part + np.nan_to_num(grid.log_odds))
     limit = np.float32(_log_odds(config.mapping.clamp_probability))
     origin = np.round(known.origin + low * known.resolution, 9)
-    return OccupancyGrid(
-        np.clip(total, -limit, limit), known.resolution, origin,
-        known.occupied_threshold, known.free_threshold,
-    )  # fmt: skip
+    return OccupancyGrid(np.clip(total, -limit, limit), known.resolution, origin)

@@ -45,7 +45,7 @@ class ParticleFilter:
     """Particles at poses x with weights w and maps m; `step` is one line of the algorithm each."""
 
     def __init__(self, config: ParticlesConfig, threads: int, seed: int) -> None:
-        self.config, self.threads, self.seed = config, threads, seed
+        self.config, self.seed = config, seed
         self.m = TileMaps(config.count, config.resolution, threads)
         self.x = np.zeros((config.count, 3))
         """(P, 3) poses."""
@@ -65,9 +65,7 @@ class ParticleFilter:
         random = self._random()
         covariance = np.zeros((3, 3))
         if motions:
-            proposal = improved_proposal(
-                self.x, motions, scans, self.m, self.surface_sigma, self.threads
-            )
+            proposal = improved_proposal(self.x, motions, scans, self.m, self.surface_sigma)
             self.x = proposal.sample(random)
             self.log_w = self.log_w + proposal.log_weight / max(len(scans[0].points), 1)
             self._measure_noise(proposal, scans[0])

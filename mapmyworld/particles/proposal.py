@@ -69,54 +69,44 @@ class Proposal:
 
 
 def improved_proposal(
-    x: NDArray[np.float64],
-    motions: Sequence[Motion],
-    scans: Sequence[Beams],
-    m: TileMaps,
+    x: NDArray[np.float64], motions: Sequence[Motion], scans: Sequence[Beams], m: TileMaps,
     sigma: float,
-    threads: int,
-) -> Proposal:
+) -> Proposal:  # fmt: skip
     """Where particles at `x` (P, 3) go after the first of the motions, each of which ended with the
     scan of the same place in the row; those after the first decide between modes. End points lie
     `sigma` m about surfaces.
     """
-    motion = motions[0]
-    modes = [
-        _mode(x, u, covariance, scans[0], m, sigma, threads)
-        for u, covariance in zip(motion.u, motion.covariance, strict=True)
-    ]
-    mean, covariance, log_mass = (np.stack(some, axis=1) for some in zip(*modes, strict=True))
-    log_mass = log_mass + np.log(motion.probability)
+    mean, covariance, log_mass = _modes(x, motions[0], scans[0], m, sigma)
     log_chosen = log_mass
-    if len(modes) > 1:
-        ahead = [
-            _log_evidence(mean[:, k], motions[1:], scans[1:], m, sigma, threads)
-            for k in range(len(modes))
-        ]
+    if log_mass.shape[1] > 1:
+        modes = np.moveaxis(mean, 1, 0)
+        ahead = [_log_evidence(mode, motions[1:], scans[1:], m, sigma) for mode in modes]
         log_chosen = log_mass + np.stack(ahead, axis=1)
     chosen = np.exp(log_chosen - np.logaddexp.reduce(log_chosen, axis=1)[:, None])
     return Proposal(mean, covariance, log_mass, chosen)
 
 
 def _log_evidence(
-    x: NDArray[np.float64],
-    motions: Sequence[Motion],
-    scans: Sequence[Beams],
-    m: TileMaps,
+    x: NDArray[np.float64], motions: Sequence[Motion], scans: Sequence[Beams], m: TileMaps,
     sigma: float,
-    threads: int,
-) -> NDArray[np.float64]:
+) -> NDArray[np.float64]:  # fmt: skip
     """(P,) log p(scans | m, x, motions) of particles that go on from `x` (P, 3)."""
     if not motions:
         return np.zeros(len(x))
-    by_mode = []
-    for u, covariance, p in zip(
-        motions[0].u, motions[0].covariance, motions[0].probability, strict=True
-    ):
-        mean, _, log_mass = _mode(x, u, covariance, scans[0], m, sigma, threads)
-        after = _log_evidence(mean, motions[1:], scans[1:], m, sigma, threads)
-        by_mode.append(np.log(p) + log_mass + after)
-    return np.asarray(np.logaddexp.reduce(by_mode, axis=0))
+    mean, _, log_mass = _modes(x, motions[0], scans[0], m, sigma)
+    modes = np.moveaxis(mean, 1, 0)
+    after = [_log_evidence(mode, motions[1:], scans[1:], m, sigma) for mode in modes]
+    return np.asarray(np.logaddexp.reduce(log_mass + np.stack(after, axis=1), axis=1))
+
+
+def _modes(
+    x: NDArray[np.float64], motion: Motion, z: Beams, m: TileMaps, sigma: float
+) -> tuple[NDArray[np.float64], ...]:
+    """The Gaussians of a motion, after the scan: mean, covariance, log mass, as of `Proposal`."""
+    modes = zip(motion.u, motion.covariance, strict=True)
+    found = [_mode(x, u, covariance, z, m, sigma) for u, covariance in modes]
+    mean, covariance, log_mass = (np.stack(some, axis=1) for some in zip(*found, strict=True))
+    return mean, covariance, log_mass + np.log(motion.probability)
 
 
 def _candidates(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -136,7 +126,6 @@ def _mode(
     z: Beams,
     m: TileMaps,
     sigma: float,
-    threads: int,
 ) -> tuple[NDArray[np.float64], ...]:
     """One Gaussian of the motion, after the scan: mean, covariance, log mass."""
     count = len(x)
@@ -151,7 +140,7 @@ def _mode(
             mean, information, fits,
         )  # fmt: skip
 
-    run_in_chunks(match, count, threads)
+    run_in_chunks(match, count, m.threads)
     covariance = np.asarray(np.linalg.inv(information), np.float64)
     # Laplace: the integral of exp(-cost) is exp(-minimum) times the root of |2 pi Sigma|.
     volume = 0.5 * (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(u_covariance)[1])

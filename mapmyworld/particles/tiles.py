@@ -17,7 +17,7 @@ class TileMaps:
     """`count` maps; particles with a common past share the tiles of that past."""
 
     def __init__(self, count: int, resolution: float, threads: int) -> None:
-        self._threads = threads
+        self.threads = threads
         self._owners = np.zeros(64, np.int32)
         cells = TILE * TILE
         self.surfaces = Surfaces(
@@ -37,10 +37,10 @@ class TileMaps:
         maps = self.surfaces
         touched = np.zeros(maps.tables.shape, np.bool_)
         place = maps.tables, beams, poses, maps.base, maps.resolution, touched
-        run_in_chunks(lambda a, b: insertion.touched_tiles(a, b, *place), len(poses), self._threads)
+        run_in_chunks(lambda a, b: insertion.touched_tiles(a, b, *place), len(poses), self.threads)
         self._make_own(touched)
         given = beams, poses, self._owners
-        run_in_chunks(lambda a, b: insertion.insert(maps, a, b, *given), len(poses), self._threads)
+        run_in_chunks(lambda a, b: insertion.insert(maps, a, b, *given), len(poses), self.threads)
 
     def resample(self, ancestors: NDArray[np.int64]) -> None:
         """Particle k continues with the map of `ancestors[k]`, of (P,); nothing is copied."""

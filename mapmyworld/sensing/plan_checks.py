@@ -84,7 +84,11 @@ def check_streams(
 ) -> None:
     """Words about silence, steps back in time, gaps and missing values of what is used."""
     for stream in used:
-        _check_stream(draft, stream)
+        if stream.undecodable:
+            draft.losses.append(
+                f"{stream.topic}: {stream.undecodable} of the messages looked at cannot be "
+                "decoded, or hold numbers that are not finite: left out"
+            )
         if not sorted_by_stamp:
             check_silence(draft, stream)
     for about, doubt in draft.survey.info.doubts:
@@ -94,14 +98,6 @@ def check_streams(
             draft.warnings.append(f"{topic.topic} ({topic.kind}) is listed but has no message")
     if scan is not None:
         _check_ranges(draft, draft.survey.streams[scan.topic])
-
-
-def _check_stream(draft: Draft, stream: Stream) -> None:
-    if stream.undecodable:
-        draft.losses.append(
-            f"{stream.topic}: {stream.undecodable} of the messages looked at cannot be decoded, or "
-            "hold numbers that are not finite: left out"
-        )
 
 
 def _check_ranges(draft: Draft, stream: Stream) -> None:

@@ -67,20 +67,16 @@ def _decided(plans: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
 
 
 def copy_drives(placed: Sequence[Placed], store: MapStore) -> None:
-    """Nodes with their data, all frames with their scans, and the motion within each session."""
-    frames: list[TrackedFrames] = []
+    """Nodes with their data, all frames with their scans, and the motion within each session.
+
+    They come after those that the store holds.
+    """
+    known = store.tracked_frames()
+    frames = [known] if len(known.stamps_ns) else []
     for item in placed:
         frames.append(_copy_drive(item, store, sum(len(f.stamps_ns) for f in frames)))
     store.set_tracked_frames(_joined(frames))
-    _note_tracks([item.session_map.store for item in placed], store)
-
-
-def add_drive(item: Placed, store: MapStore) -> None:
-    """A session map's nodes, frames and scans after those that a finished map holds."""
-    known = store.tracked_frames()
-    frames = _copy_drive(item, store, len(known.stamps_ns))
-    store.set_tracked_frames(_joined([known, frames]))
-    _note_tracks([store, item.session_map.store], store)
+    _note_tracks([store, *(item.session_map.store for item in placed)], store)
 
 
 def _copy_drive(item: Placed, store: MapStore, first_frame: int) -> TrackedFrames:

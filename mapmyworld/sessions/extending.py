@@ -13,20 +13,14 @@ import numpy as np
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
+from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.edited_constraints import as_found
 from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.map_figures import contradictions_of
 from mapmyworld.mapping.occupancy import added_grid, build_grid
 from mapmyworld.places.session_joining import locate_session
-from mapmyworld.sessions.copying import (
-    Placed,
-    add_drive,
-    copied_constraints,
-    copy_drives,
-    copy_plan,
-)
+from mapmyworld.sessions.copying import Placed, copied_constraints, copy_drives, copy_plan
 from mapmyworld.sessions.joining import have_scans, session_places, tie_sessions
 from mapmyworld.sessions.session_maps import (
     SessionMap,
@@ -35,7 +29,7 @@ from mapmyworld.sessions.session_maps import (
     note_sessions,
     skeleton_of,
 )
-from mapmyworld.stages.draw_maps import draw_maps
+from mapmyworld.stages.draw_maps import draw_maps, scans_at
 from mapmyworld.stages.kept import has_images
 from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve_and_judge import note_solution, solve_and_judge
@@ -201,7 +195,7 @@ def _write(
     with store.extend_stage("plan", inputs):
         copy_plan([store, session_map.store], store)
     with store.extend_stage("track", inputs):
-        add_drive(laid.item, store)
+        copy_drives([laid.item], store)
     with store.extend_stage("recognise", inputs):
         store.add_constraints(as_found(laid.constraints))
     with store.extend_stage("optimise", inputs):
@@ -240,9 +234,8 @@ def _draw(
     config: Config,
     progress: Progress,
 ) -> None:
-    planar, known = matrix_to_planar(map_from_frame), store.grid()
-    scans = session_map.store.scans(np.arange(len(planar)))
-    more = build_grid(((planar[frame], scan) for frame, scan in scans), config)
+    known, every = store.grid(), np.arange(len(map_from_frame))
+    more = build_grid(scans_at(session_map.store, every, map_from_frame), config)
     total = None if known is None else added_grid(known, more, config)
     if total is None:
         draw_maps(store, config, progress)

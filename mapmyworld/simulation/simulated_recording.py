@@ -44,7 +44,6 @@ class Recording:
     first: Messages
     """Latched messages, recorded before all others."""
     truth: Truth
-    settings: SimulationSettings
 
     @property
     def duration(self) -> float:
@@ -102,7 +101,7 @@ def simulate(
     stamps = np.concatenate([s.schedule.stamps_ns for s in streams])
     trajectory = true_trajectory(drive, stamps, start_ns)
     truth = Truth(trajectory, drive, plan, scene, settings, start_ns)
-    return Recording(streams, static_messages(settings, start_ns), truth, settings)
+    return Recording(streams, static_messages(settings, start_ns), truth)
 
 
 def _drive(

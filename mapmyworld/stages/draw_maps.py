@@ -13,7 +13,10 @@ from mapmyworld.errors import NothingToDrawError
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.parallel import in_threads, on_one_thread
 from mapmyworld.stages.kept import has_images, has_scans
-from mapmyworld.types import MapStore, Progress, Scan
+from mapmyworld.types import MapStore, Poses, Progress, Scan
+
+Placed = tuple[NDArray[np.float64], Scan]
+"""A pose (3,) in the plane, and the scan that was taken there."""
 
 
 @on_one_thread
@@ -25,11 +28,15 @@ def draw_maps(store: MapStore, config: Config, progress: Progress) -> None:
         frames = store.frame_poses()
         assert frames is not None
         progress.stage("grid", len(frames), "scans")
-        store.set_grid(build_grid(_scans(store, frames, progress), config))
+        scans = scans_at(store, np.arange(len(frames)), frames)
+        store.set_grid(build_grid(_counted(scans, progress), config))
     elif has_images(store):
+        poses = store.poses()
+        assert poses is not None
         progress.stage("grid from depth", len(store.nodes()), "nodes")
         try:
-            store.set_grid(build_grid(_depth_scans(store, config, progress), config))
+            scans = depth_scans(store, poses, config)
+            store.set_grid(build_grid(_counted(scans, progress), config))
         except NothingToDrawError as nothing:  # neither floor nor anything in the way was seen
             progress.note(f"no grid from depth: {nothing}")
     if (grid := store.grid()) is not None:
@@ -37,22 +44,24 @@ def draw_maps(store: MapStore, config: Config, progress: Progress) -> None:
         decided("map", f"{columns} x {rows} cells of {grid.resolution:g} m")
 
 
-def _scans(
-    store: MapStore, map_from_frame: NDArray[np.float64], progress: Progress
-) -> Iterator[tuple[NDArray[np.float64], Scan]]:
-    planar = matrix_to_planar(map_from_frame)
-    for frame, scan in store.scans(np.arange(len(planar))):
-        yield planar[frame], scan
-        progress.update(frame)
+def _counted(scans: Iterator[Placed], progress: Progress) -> Iterator[Placed]:
+    for done, scan in enumerate(scans):
+        yield scan
+        progress.update(done)
 
 
-def _depth_scans(
-    store: MapStore, config: Config, progress: Progress
-) -> Iterator[tuple[NDArray[np.float64], Scan]]:
+def scans_at(
+    store: MapStore, frames: NDArray[np.int64], map_from_frame: NDArray[np.float64]
+) -> Iterator[Placed]:
+    """The scans of those of the frames (K,) that have one, at the poses (K, 4, 4)."""
+    place = dict(zip(frames.tolist(), matrix_to_planar(map_from_frame), strict=True))
+    return ((place[frame], scan) for frame, scan in store.scans(frames))
+
+
+def depth_scans(store: MapStore, poses: Poses, config: Config) -> Iterator[Placed]:
+    """Scans made from the depth images of all nodes, at their poses."""
     from mapmyworld.mapping.depth_grid import planar_scan
 
-    poses = store.poses()
-    assert poses is not None
     items = (
         (image, pose)
         for node_id, pose in zip(poses.ids, poses.map_from_node, strict=True)
@@ -60,8 +69,4 @@ def _depth_scans(
         for image in store.node_data(int(node_id), features=False).images
         if image.depth is not None
     )
-
-    drawn = in_threads(lambda item: planar_scan(*item, config), items, config.threads)
-    for done, found in enumerate(drawn):
-        yield found
-        progress.update(done)
+    return in_threads(lambda item: planar_scan(*item, config), items, config.threads)

@@ -23,8 +23,9 @@ def plan_log(log: LogSource, config: Config, progress: Progress) -> Plan:
 def stage_of_log(name: str, log: LogSource, progress: Progress) -> Callable[[int], None]:
     """Begins a stage that goes through the log; takes the stamp (ns) that it has come to."""
     info = log.info()
+    start_ns = info.start_ns
     progress.stage(name, max(info.duration_s, 1e-9), "s")
-    return lambda stamp_ns: progress.update((stamp_ns - info.start_ns) * 1e-9)
+    return lambda stamp_ns: progress.update((stamp_ns - start_ns) * 1e-9)
 
 
 def note_plan(store: MapStore, plan: Plan) -> None:

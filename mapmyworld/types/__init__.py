@@ -40,6 +40,7 @@ from mapmyworld.types.messages import (
     TopicInfo,
     TransformsMessage,
     TransformStamped,
+    topics_of,
 )
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Priors, Sightings, no_priors, no_sightings
 from mapmyworld.types.seams import LogSource, MapStore, Progress

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,9 @@ class OccupancyGrid:
     """m, side of a cell."""
     origin: NDArray[np.float64]
     """(2,) x, y of the lower-left corner of cell (0, 0), map frame."""
-    occupied_threshold: float = 0.65
+    occupied_threshold: ClassVar = 0.65
     """Probability from which a cell counts as occupied."""
-    free_threshold: float = 0.196
+    free_threshold: ClassVar = 0.196
     """Probability below which a cell counts as free."""
 
     def probabilities(self) -> NDArray[np.float32]:

@@ -155,8 +155,8 @@ def _decode(
     path: Path, kind: bytes, decode: Callable[..., Message], read: Reading, *given: Any
 ) -> Message:
     try:
-        if read is None:
-            raise ValueError("it holds no sweep")
+        if isinstance(read, str):
+            raise ValueError(read)
         return decode(read, *given)
     except (ValueError, IndexError) as error:
         raise LogError(f"{path}: damaged {kind.decode()} line: {error}") from error

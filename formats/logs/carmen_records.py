@@ -99,12 +99,12 @@ def _finite(fields: list[bytes]) -> list[float]:
     return values
 
 
-def parse_laser(fields: list[bytes]) -> LaserRecord | None:
-    """A laser line of any kind; None where it is damaged."""
+def parse_laser(fields: list[bytes]) -> LaserRecord | str:
+    """A laser line of any kind; where it is damaged, in what way."""
     try:
         return (parse_robotlaser if fields[0].startswith((b"RO", b"RA")) else parse_flaser)(fields)
-    except (ValueError, IndexError):
-        return None
+    except (ValueError, IndexError) as error:
+        return str(error)
 
 
 def scan_of_record(

@@ -29,8 +29,8 @@ _CONSTANT_M = 0.02  # a mounting whose middle half of samples spreads more is a 
 _MOUNTING_SAMPLES = 2000
 _RANGE_PARAMETERS = (b"robot_front_laser_max", b"robot_frontlaser_max")
 
-Reading = LaserRecord | bytes | None
-"""A laser's line as a sweep, or None where it holds none; others as they are."""
+Reading = LaserRecord | bytes | str
+"""A laser's line as a sweep, or why it holds none; others as they are."""
 Line = tuple[bytes, Reading, int, int]
 """Kind, what was read, stamp and log time in ns."""
 
@@ -154,7 +154,7 @@ def survey_lines(lines: Iterable[Line]) -> Survey:
     """Survey of lines as they were read; PARAM lines included."""
     survey, lasers = Survey(), defaultdict[bytes, list[LaserRecord]](list)
     for kind, read, _, _ in lines:
-        if read is None:
+        if isinstance(read, str):
             survey.lasers_damaged += 1
         elif isinstance(read, LaserRecord):
             lasers[kind].append(read)

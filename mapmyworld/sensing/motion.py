@@ -105,9 +105,7 @@ class RecordedMotion:
         if len(exact):
             nearest = np.abs(exact - self._last).argmin() if len(exact) > 1 else 0
             self._last = int(exact[nearest])
-            pose = transforms_of_rows(self._values[self._last])[0]
-            # Without -0.0 where others are interpolated, which leaves none.
-            return np.asarray(pose + 0.0 if self.is_sorted else pose)
+            return np.asarray(transforms_of_rows(self._values[self._last])[0])
         found = self.at_many(np.array([stamp_ns], np.int64))
         # A copy: a view would keep the whole window of samples alive with every frame.
         return None if found is None else np.array(found[0])

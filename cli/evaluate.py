@@ -178,14 +178,14 @@ def loops(map_path: Path, reference: Path) -> None:
         score = score_loops(store, read_any_trajectory(reference), pairs)
     recall = None if isnan(score.recall) else score.recall
     lines = [
-        f"closures:  {score.count}, {int(score.right.sum())} of them right",
+        f"closures:  {len(score.right)}, {int(score.right.sum())} of them right",
         f"precision: {score.precision:.3f}",
     ]
     if recall is not None:
         lines.append(f"recall:    {recall:.3f}")
     elif pairs is not None:
         lines.append("recall:    there is no true loop to find")
-    show_result({"count": score.count, "precision": score.precision, "recall": recall}, lines)
+    show_result({"count": len(score.right), "precision": score.precision, "recall": recall}, lines)
 
 
 @evaluate.command()

@@ -41,7 +41,7 @@ def truth_beside(reference: Path) -> NDArray[np.int64] | None:
 
 
 def score_loops(store: MapStore, truth: Trajectory, pairs: NDArray[np.int64] | None) -> LoopScore:
-    """Accepted loop closures and proximity constraints of a map, judged by the truth."""
+    """Accepted loop closures and proximity constraints, by the truth and true `pairs` (P, 2)."""
     stamps = {node.id: node.stamp_ns for node in store.nodes()}
     kept = [
         c

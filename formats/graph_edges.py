@@ -70,7 +70,7 @@ def _from_angles(numbers: Array) -> Array:
 
 
 def poses_of(tag: str, numbers: Array) -> Array:
-    """Poses or points of the numbers (R, ...) behind a tag: as they are in the plane."""
+    """Poses (R, 3) or (R, 4, 4), or points (R, 2) or (R, 3), of the numbers (R, C) behind a tag."""
     if tag.endswith(":QUAT"):
         return _from_quaternions(numbers)
     return _from_angles(numbers) if tag in ("VERTEX3", "EDGE3") else numbers[:, :3].copy()

@@ -117,7 +117,7 @@ def test_without_closures_nothing_is_wrong_and_nothing_is_found() -> None:
     nothing = (np.zeros((0, 2), np.int64), np.zeros((0, 4, 4)))
     true_pairs = truth.stamps_ns[[[0, 40]]]
     score = loop_closure_score(*nothing, truth, true_pairs)
-    assert (score.count, score.precision, score.recall) == (0, 1.0, 0.0)
+    assert (len(score.right), score.precision, score.recall) == (0, 1.0, 0.0)
 
 
 @settings(max_examples=25)

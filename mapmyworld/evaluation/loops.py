@@ -22,7 +22,6 @@ _NEAR_S = 3.0  # s around a true loop's moments in which a closure finds it
 class LoopScore:
     """How many accepted closures are right, and how many were missed."""
 
-    count: int
     precision: float
     """Share of the closures that are right; 1 without any closure."""
     recall: float
@@ -49,7 +48,6 @@ def loop_closure_score(
     angle = np.degrees(rotation_angle(error))
     right = (distance <= MAX_DISTANCE) & (angle <= MAX_ANGLE_DEG)
     return LoopScore(
-        count=len(right),
         precision=float(right.mean()) if len(right) else 1.0,
         recall=_recall(np.sort(stamps_ns[right], axis=1), true_pairs_ns),
         right=right,

@@ -53,13 +53,13 @@ def _counted(scans: Iterator[Placed], progress: Progress) -> Iterator[Placed]:
 def scans_at(
     store: MapStore, frames: NDArray[np.int64], map_from_frame: NDArray[np.float64]
 ) -> Iterator[Placed]:
-    """The scans of those of the frames (K,) that have one, at the poses (K, 4, 4)."""
+    """The scans of those frames (K,) that have one, each with its pose (3,), of poses (K, 4, 4)."""
     place = dict(zip(frames.tolist(), matrix_to_planar(map_from_frame), strict=True))
     return ((place[frame], scan) for frame, scan in store.scans(frames))
 
 
 def depth_scans(store: MapStore, poses: Poses, config: Config) -> Iterator[Placed]:
-    """Scans made from the depth images of all nodes, at their poses."""
+    """Scans made from the depth images of all nodes, each with its pose (3,)."""
     from mapmyworld.mapping.depth_grid import planar_scan
 
     items = (

@@ -12,6 +12,7 @@ from laser_rooms import cast as see
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.parallel import in_threads
 from mapmyworld.places import stored_scans
 from mapmyworld.places.stored_scans import StoredScans
 from mapmyworld.registration.scan_matching import ScanSet, prepare_scans
@@ -57,18 +58,15 @@ def test_any_scans_in_any_order_are_those_made_ready_at_once(shelf: Shelf) -> No
     assert scans.frames.tolist() == list(shelf.all)
     for which in (np.arange(26), np.array([25, 0, 13, 13, 2]), np.zeros(0, np.int64)):
         assert_same(scans.some(which), whole.some(which))
-        assert_same(scans.hold(which).some(which), whole.some(which))
 
 
-def test_what_is_held_stays_when_the_shelf_lets_go(shelf: Shelf) -> None:
+def test_threads_that_ask_at_once_get_the_same(shelf: Shelf) -> None:
     scans, whole = stored(shelf), prepare_scans(list(shelf.all.values()), REGISTRATION)
-    which = np.array([1, 9])
-    held, read = scans.hold(which), shelf.read
-    scans.some(np.arange(26))
+    asked = [np.array([k % 26, 25 - k % 26, k * 7 % 26]) for k in range(200)]
+    read = shelf.read
+    for which, found in zip(asked, in_threads(scans.some, asked, 4), strict=True):
+        assert_same(found, whole.some(which))
     assert shelf.read > read, "blocks must have been let go and read again"
-    before = shelf.read
-    assert_same(held.some(which), whole.some(which))
-    assert shelf.read == before
 
 
 def test_what_was_let_go_is_read_again_alike(shelf: Shelf) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from mapmyworld.places.laser_candidates import (
     untied,
 )
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
-from mapmyworld.places.laser_submaps import match_submaps, place_around, submap_members
+from mapmyworld.places.laser_submaps import match_submaps, place_around
 from mapmyworld.places.perceptual_aliasing import reject_aliases
 from mapmyworld.places.wide_search import held_by, lost_pairs
 from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
@@ -52,7 +52,7 @@ from mapmyworld.types import (
 )
 
 Index = NDArray[np.int64]
-_KEPT = 64  # later places, for they are compared with many earlier ones one after the other
+_KEPT = 16  # places, for neighbours are compared with the same ones
 _AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two maps may differ by
 
 
@@ -137,23 +137,17 @@ def compare_places(
     def around(b: int) -> Place:
         return place_around(nodes, b, config)
 
-    def compare(target: tuple[LaserNodes, int, list[tuple[int, Place]]]) -> list[Judged]:
-        held, a, others = target
-        place = place_around(held, a, config)  # large: one a thread is held
-        return [_compare(held, place, a, *other, config, optimised, widest) for other in others]
+    def compare(target: tuple[int, list[int]]) -> list[Judged]:
+        a, rows = target
+        place = place_around(nodes, a, config)  # large: one a thread is held
+        others = [pairs[k][1] for k in rows]
+        return [_compare(nodes, place, a, b, around(b), config, optimised, widest) for b in others]
 
-    def targets() -> Iterator[tuple[LaserNodes, int, list[tuple[int, Place]]]]:
-        for a, rows in by_target.items():
-            others = [pairs[k][1] for k in rows]
-            ends = [submap_members(nodes, node, config) for node in (a, *others)]
-            held = replace(nodes, scans=nodes.scans.hold(np.concatenate(ends)))
-            yield held, a, [(b, around(b)) for b in others]
-
-    found = in_threads(compare, targets(), config.threads)
+    found = in_threads(compare, by_target.items(), config.threads)
     places = [k for rows in by_target.values() for k in rows]
     by_place = dict(zip(places, (c for some in found for c in some), strict=True))
     closures = [by_place[k] for k in range(len(pairs))]
-    return reject_aliases(nodes, pairs, closures, config)
+    return reject_aliases(nodes, pairs, closures, around, config)
 
 
 def _compare(

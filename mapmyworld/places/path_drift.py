@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,6 +18,7 @@ from mapmyworld.types import ConstraintKind, Judged
 
 Index = NDArray[np.int64]
 NO_PAIRS = np.zeros((0, 2), np.int64)
+_KEPT = 64  # nodes, for each is asked for from many others one after the other
 SIGMAS = 3.0  # of what is stated: as far as drift is searched
 
 
@@ -52,6 +54,7 @@ class PathDrift:
         self._up_to = np.cumsum(each, axis=1)
         self._turned_up_to = np.cumsum(np.where(lost, np.pi**2, turned))
         self._ways = Ways(closed)
+        self._moved_up_to = functools.lru_cache(_KEPT)(self._all_moved_up_to)
         self._moved_from, self._turned_from = dict[int, Array](), dict[int, Array]()
 
     def held_by(self, closed: Index) -> PathDrift:
@@ -86,7 +89,7 @@ class PathDrift:
             self._moved_from[b] = self._ways.costs(moved, b)
         return SIGMAS * np.sqrt(self._ways.least(moved, self._moved_from[b], a, b))
 
-    def _moved_up_to(self, b: int) -> Array:
+    def _all_moved_up_to(self, b: int) -> Array:
         """(N,) m^2 by which all motions up to each node move node b."""
         x, y = self._poses[b, :2]
         turned, by_x, by_y, squared, moved = self._up_to

@@ -7,8 +7,7 @@ drift may reach, 15 m at most: places farther off are compared by themselves.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -17,35 +16,29 @@ from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import FIRST_WINDOW, drift_window
 from mapmyworld.places.laser_nodes import LaserNodes, spaced
-from mapmyworld.places.laser_submaps import place_around, submap_members
+from mapmyworld.places.laser_submaps import place_around
 from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_search import MARGIN, evidence_elsewhere
 from mapmyworld.types import Judge, Judged, ScanMatch, Verdict, Why
 
 Pairs = Sequence[tuple[int, int]]
-Look = tuple[LaserNodes, int, list[int]]
-"""Nodes with the scans that are needed, a place along the path, closures to look for there."""
+Around = Callable[[int], Place]
+"""What was seen around a node."""
 
 
 def reject_aliases(
-    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], around: Around, config: Config
 ) -> list[Judged]:
     """The closures of these pairs, those rejected for which another place scores as well."""
     wanted = _places_to_look_at(nodes, pairs, closures, config)
 
-    def looks() -> Iterator[Look]:
-        for spot, which in wanted.items():
-            asked = {spot, *(end for w in which for end in pairs[w])}
-            ends = [submap_members(nodes, k, config) for k in sorted(asked)]
-            yield replace(nodes, scans=nodes.scans.hold(np.concatenate(ends))), spot, which
-
-    def look(at: Look) -> list[tuple[int, float]]:
-        held, spot, which = at
-        place = place_around(held, spot, config)
-        return [(k, _second_best(held, place, spot, pairs[k], closures[k], config)) for k in which]
+    def look(at: tuple[int, list[int]]) -> list[tuple[int, float]]:
+        spot, which = at
+        place = place_around(nodes, spot, config)
+        return [(k, _second_best(nodes, place, spot, pairs[k], around, closures[k])) for k in which]
 
     second_bests = [0.0] * len(closures)
-    for scores in in_threads(look, looks(), config.threads):
+    for scores in in_threads(look, wanted.items(), config.threads):
         for k, score in scores:
             second_bests[k] = max(second_bests[k], score)
     return [
@@ -74,8 +67,8 @@ def _places_to_look_at(
 
 
 def _second_best(
-    nodes: LaserNodes, place: Place, spot: int, pair: tuple[int, int],
-    closure: Judged, config: Config,
+    nodes: LaserNodes, place: Place, spot: int, pair: tuple[int, int], around: Around,
+    closure: Judged,
 ) -> float:  # fmt: skip
     """Evidence, in points, that what was seen around the later node lies around `spot` instead.
 
@@ -84,7 +77,7 @@ def _second_best(
     a, b = pair
     found = compose_planar(nodes.poses[a], matrix_to_planar(closure.i_from_j))
     distance, angle = drift_window(nodes, a, b, FIRST_WINDOW)
-    here, there = between_planar(nodes.poses[spot], found), place_around(nodes, b, config)
+    here, there = between_planar(nodes.poses[spot], found), around(b)
     needed = needed_evidence(distance, angle)
     points = there.submap.scored
     other = evidence_elsewhere(
@@ -95,9 +88,7 @@ def _second_best(
     second_best = place.agreement_with(there, other)
     if second_best.evidence < needed:
         return 0.0
-    agreement = place_around(nodes, a, config).agreement_with(
-        there, matrix_to_planar(closure.i_from_j)
-    )
+    agreement = around(a).agreement_with(there, matrix_to_planar(closure.i_from_j))
     return second_best.evidence if agreement.beyond(second_best) < MARGIN else 0.0
 
 

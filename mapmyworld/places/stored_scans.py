@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections import OrderedDict
-from collections.abc import Mapping
-from dataclasses import dataclass
+from threading import Lock
 from typing import Protocol
 
 import numpy as np
@@ -31,20 +30,18 @@ class Scans(Protocol):
     def some(self, which: Index) -> ScanSet:
         """Scans `which` (K,), in this order."""
 
-    def hold(self, which: Index) -> Scans:
-        """At least scans `which` (K,), under the same numbers, for other threads to read."""
-
     def let_go(self) -> None:
         """Gives memory back: for a while nobody will ask."""
 
 
 class StoredScans:
-    """The scans of a store, block by block; for one thread."""
+    """The scans of a store, block by block; any thread may ask."""
 
     def __init__(self, store: MapStore, frames: Index, config: RegistrationConfig) -> None:
         """Those of `frames` (N,), as far as they have one."""
         self._store, self._config = store, config
         self._blocks: OrderedDict[int, ScanSet] = OrderedDict()
+        self._reading = Lock()
         found: list[int] = []
         sizes = [np.zeros(0, np.int64)]
         for number, some in enumerate(batches(store.scans(frames), BLOCK)):
@@ -65,48 +62,28 @@ class StoredScans:
         bounds = np.concatenate([[0], np.cumsum(self.sizes[which])]).astype(np.int64)
         rows = np.empty((bounds[-1], 5), np.float32)
         origins = np.empty((len(which), 2))
-        edges = np.flatnonzero(np.diff(which // BLOCK)) + 1
-        for first, end in itertools.pairwise([0, *edges.tolist(), len(which)]):
-            some = self.hold(which[first:end]).some(which[first:end])
+        starts = np.flatnonzero(np.diff(which // BLOCK, prepend=-1))
+        for first, end in itertools.pairwise([*starts.tolist(), len(which)]):
+            block = self._block(int(which[first]) // BLOCK)
+            some = scan_set([block.one(k % BLOCK) for k in which[first:end].tolist()])
             rows[bounds[first] : bounds[end]], origins[first:end] = some.rows, some.origins
         return ScanSet(rows, bounds, origins)
-
-    def hold(self, which: Index) -> HeldScans:
-        """At least scans `which` (K,); they stay in memory as long as the result."""
-        return HeldScans({k: self._block(k) for k in np.unique(which // BLOCK).tolist()})
 
     def let_go(self) -> None:
         """Holds none."""
         self._blocks.clear()
 
     def _block(self, number: int) -> ScanSet:
-        found = self._blocks.get(number)
-        if found is None:
-            frames = self.frames[number * BLOCK : (number + 1) * BLOCK]
-            found = prepare_scans([s for _, s in self._store.scans(frames)], self._config)
-            self._keep(number, found)
-        self._blocks.move_to_end(number)
-        return found
+        with self._reading:
+            found = self._blocks.get(number)
+            if found is None:
+                frames = self.frames[number * BLOCK : (number + 1) * BLOCK]
+                found = prepare_scans([s for _, s in self._store.scans(frames)], self._config)
+                self._keep(number, found)
+            self._blocks.move_to_end(number)
+            return found
 
     def _keep(self, number: int, scans: ScanSet) -> None:
         self._blocks[number] = scans
         if len(self._blocks) > _HELD:
             self._blocks.popitem(last=False)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HeldScans:
-    """Some blocks of stored scans, which any thread may read."""
-
-    blocks: Mapping[int, ScanSet]
-
-    def some(self, which: Index) -> ScanSet:
-        """Scans `which` (K,), in this order."""
-        return scan_set([self.blocks[k // BLOCK].one(k % BLOCK) for k in which.tolist()])
-
-    def hold(self, which: Index) -> HeldScans:
-        """Scans `which` (K,) are held already."""
-        return self
-
-    def let_go(self) -> None:
-        """They stay."""

@@ -49,10 +49,6 @@ class ScanSet:
         """Scans `which` (K,) of the set, in this order."""
         return scan_set([self.one(k) for k in which.tolist()])
 
-    def hold(self, which: NDArray[np.int64]) -> ScanSet:
-        """A set that has at least scans `which` (K,), under the same numbers."""
-        return self
-
     def let_go(self) -> None:
         """All scans stay: see `places.stored_scans` for others."""
 

@@ -22,6 +22,7 @@ from mapmyworld.types.frames import (
     TrackedFrames,
     first_nodes,
 )
+from mapmyworld.types.log_info import LogInfo, TopicInfo, topics_of
 from mapmyworld.types.maps import Mesh, OccupancyGrid, PointCloud, Trajectory
 from mapmyworld.types.messages import (
     CameraInfoMessage,
@@ -29,7 +30,6 @@ from mapmyworld.types.messages import (
     ImageMessage,
     ImuMessage,
     LaserScanMessage,
-    LogInfo,
     Message,
     MessageKind,
     OdometryMessage,
@@ -37,10 +37,8 @@ from mapmyworld.types.messages import (
     PoseMessage,
     RawMessage,
     TextMessage,
-    TopicInfo,
     TransformsMessage,
     TransformStamped,
-    topics_of,
 )
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Priors, Sightings, no_priors, no_sightings
 from mapmyworld.types.seams import LogSource, MapStore, Progress

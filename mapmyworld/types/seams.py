@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from mapmyworld.types.constraints import Judged, Poses
 from mapmyworld.types.frames import Features, Node, NodeData, Scan, TrackedFrames
+from mapmyworld.types.log_info import LogInfo
 from mapmyworld.types.maps import OccupancyGrid
-from mapmyworld.types.messages import LogInfo, RawMessage
+from mapmyworld.types.messages import RawMessage
 
 # A stage's rank orders it in time; alternatives share one.
 STAGE_RANKS: Mapping[str, int] = {

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 _TOGETHER = 8  # frames that pass from thread to thread at once
 _LARGEST_LAG = 0.35  # s; near the end of what is tried the least error may lie beyond it
-_STEPS = 64  # between nodes whose constraints are made and written at once
 _AHEAD = 4  # such groups that wait for the next thread, at most
 
 
@@ -133,7 +132,6 @@ class _Writer:
         self._store, self._guard = store, guard
         self._cloud_spacing = config.sensing.cloud_spacing
         self._selector = NodeSelector(config.sensing, wants_images=wants_images)
-        self._steps: list[Step] = []
         self._stamps, self._node_ids, self._is_node = array("q"), array("q"), array("b")
         # Of every frame only numbers are kept, 104 bytes a pose: a drive may last for hours.
         self._moved, self._odometry = array("d"), array("d")
@@ -145,10 +143,12 @@ class _Writer:
         return 0 if self._selector.last is None else self._selector.last.id
 
     def add_all(self, followed: Sequence[tuple[Frame, Motion]]) -> None:
-        for frame, motion in followed:
-            self.add(frame, motion)
+        steps = [step for frame, motion in followed if (step := self._add(frame, motion))]
+        if steps:
+            self._store.add_constraints(neighbours(steps))
 
-    def add(self, frame: Frame, motion: Motion) -> None:
+    def _add(self, frame: Frame, motion: Motion) -> Step | None:
+        """Stores a frame; the way to the node that it becomes, if it does and there is one."""
         node, step, node_from_frame = self._selector.consider(frame, motion)
         if is_heard():
             stamp, source = frame.stamp_ns * 1e-9, source_in_words(motion.source)
@@ -159,10 +159,6 @@ class _Writer:
             images = tuple(i for image in frame.images if (i := self._guard.sound(image)))
             cloud = None if frame.cloud is None else thinned(frame.cloud, self._cloud_spacing)
             self._store.add_node(node, NodeData(frame.scan, images, cloud))
-        if step is not None:
-            self._steps.append(step)
-            if len(self._steps) == _STEPS:
-                self._write_neighbours()
         last = self._selector.last
         assert last is not None
         if frame.scan is not None:
@@ -174,14 +170,9 @@ class _Writer:
         self._is_node.append(node is not None)
         if frame.odom_from_base is not None:
             self._odometry.extend(frame.odom_from_base[:3].ravel().tolist())
-
-    def _write_neighbours(self) -> None:
-        if self._steps:
-            self._store.add_constraints(neighbours(self._steps))
-            self._steps.clear()
+        return step
 
     def finish(self) -> None:
-        self._write_neighbours()
         complete = len(self._odometry) == len(self._moved) > 0
         self._store.set_tracked_frames(
             TrackedFrames(

@@ -111,8 +111,8 @@ def scan_of_record(
     record: LaserRecord, stamp_ns: int, frame_id: str, range_max: float
 ) -> LaserScanMessage:
     """The sweep of a laser line; `range_max` serves where the record itself has none."""
-    told = [record.angle_min, record.angle_increment, record.range_max or range_max]
-    start, step, reach = singles(told).tolist()
+    numbers = [record.angle_min, record.angle_increment, record.range_max or range_max]
+    start, step, reach = singles(numbers).tolist()
     return LaserScanMessage(
         stamp_ns, frame_id, start, step, 0.0, 0.0, 0.0, reach, record.ranges, record.intensities
     )

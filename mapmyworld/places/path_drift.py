@@ -18,7 +18,6 @@ from mapmyworld.types import ConstraintKind, Judged
 
 Index = NDArray[np.int64]
 NO_PAIRS = np.zeros((0, 2), np.int64)
-_KEPT = 64  # nodes, for each is asked for from many others one after the other
 SIGMAS = 3.0  # of what is stated: as far as drift is searched
 
 
@@ -54,7 +53,8 @@ class PathDrift:
         self._up_to = np.cumsum(each, axis=1)
         self._turned_up_to = np.cumsum(np.where(lost, np.pi**2, turned))
         self._ways = Ways(closed)
-        self._moved_up_to = functools.lru_cache(_KEPT)(self._all_moved_up_to)
+        # Of those that are asked for from many nodes one after the other.
+        self._moved_up_to = functools.lru_cache(self._all_moved_up_to)
         self._moved_from, self._turned_from = dict[int, Array](), dict[int, Array]()
 
     def held_by(self, closed: Index) -> PathDrift:

@@ -25,6 +25,7 @@ _TRAILER = struct.Struct("<3i")
 MAX_MATRIX_BYTES = 1 << 30
 # zlib cannot expand more than 1032 times; a claim beyond it is a lie.
 _MAX_EXPANSION = 1040
+_PIECE = 1 << 24  # bytes that are unpacked at once
 _COMPRESSION = 6  # zlib's default, as RTAB-Map's writer uses
 # Level for what comes with every node: the default takes up to six times as long, saves a ninth.
 # igzip takes a quarter of it, but gives other bytes from run to run: its tables begin as they lie.
@@ -39,8 +40,8 @@ def matrix_to_blob(matrix: NDArray[np.generic], level: int = _COMPRESSION) -> by
     rows, cols = matrix.shape[:2]
     channels = matrix.shape[2] if matrix.ndim == 3 else 1
     depth = _DEPTHS.index(np.dtype(matrix.dtype).newbyteorder("<").str.lstrip("|"))
-    data = np.ascontiguousarray(matrix).tobytes()
-    return zlib.compress(data, level) + _TRAILER.pack(rows, cols, depth + 8 * (channels - 1))
+    packed = zlib.compress(np.ascontiguousarray(matrix).data, level)
+    return packed + _TRAILER.pack(rows, cols, depth + 8 * (channels - 1))
 
 
 def blob_to_matrix(blob: bytes | None, what: str) -> NDArray[np.generic] | None:
@@ -64,16 +65,20 @@ def blob_to_matrix(blob: bytes | None, what: str) -> NDArray[np.generic] | None:
     return np.frombuffer(data, dtype).reshape(rows, cols, channels)
 
 
-def inflate(stream: bytes, size: int, what: str) -> bytes:
+def inflate(stream: bytes, size: int, what: str) -> bytearray:
     """Exactly `size` bytes of a zlib stream.
 
     Raises `MapError` where it holds others; `what` names it.
     """
     if size > MAX_MATRIX_BYTES or size > len(stream) * _MAX_EXPANSION + 64:
         raise MapError(f"{what}: {len(stream)} compressed bytes cannot hold the {size} claimed")
+    decoder, data = zlib.decompressobj(), bytearray()
     try:
-        decoder = zlib.decompressobj()
-        data = decoder.decompress(stream, size + 1)
+        while piece := decoder.decompress(stream, min(_PIECE, size + 1 - len(data))):
+            data += piece  # in place, where one call for all of it would hold it twice
+            stream = decoder.unconsumed_tail
+            if len(data) > size:
+                break
     except zlib.error as error:
         raise MapError(f"{what}: damaged compressed data ({error})") from None
     if len(data) != size:

@@ -65,7 +65,7 @@ class Transactions(Opened):
         row: tuple[Any, ...] = (_NONE, _NONE, b"")
         if array is not None:
             little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
-            data = zlib.compress(little.tobytes(), FAST)
+            data = zlib.compress(little.data, FAST)
             row = (little.dtype.str, json.dumps(list(array.shape)), data)
         self._db.run("INSERT INTO mapmyworld_arrays VALUES (?,?,?,?,?)", (name, rank, *row))
 

@@ -86,9 +86,11 @@ def draw_grid(axes: Any, grid: OccupancyGrid, into: Any = None) -> None:
 
 def observed_corners(grid: OccupancyGrid) -> NDArray[np.float64]:
     """The four corners (4, 2), in metres, of what was observed; of all cells where nothing was."""
-    seen = np.argwhere(grid.trinary() >= 0)
-    (r0, c0), (r1, c1) = (
-        (seen.min(axis=0), seen.max(axis=0) + 1) if len(seen) else ((0, 0), grid.log_odds.shape)
+    seen = grid.trinary() >= 0
+    if not seen.any():
+        seen = ~seen
+    r0, r1, c0, c1 = (
+        edge for axis in (1, 0) for edge in np.flatnonzero(seen.any(axis=axis))[[0, -1]] + (0, 1)
     )
     corners = np.array([[c0, r0], [c1, r0], [c0, r1], [c1, r1]])
     return np.asarray(grid.origin + corners * grid.resolution)

@@ -109,11 +109,12 @@ def map_svg(layers: Sequence[Layer], view: View) -> str:
 def _grid_image(grid: OccupancyGrid | None, view: View) -> str:
     if grid is None:
         return ""
-    cells = grid.trinary()
+    cells = grid.trinary()[::-1]
     pixels = np.zeros((*cells.shape, 4), np.uint8)  # the last: opaque
-    for value, shade in zip((0, 100), _SEEN, strict=True):
-        pixels[cells == value] = shade, shade, shade, 255
-    data = encoded_file(".png", pixels[::-1])
+    for row, values in zip(pixels, cells, strict=True):  # little is held at once
+        for value, shade in zip((0, 100), _SEEN, strict=True):
+            row[values == value] = shade, shade, shade, 255
+    data = encoded_file(".png", pixels)
     left, top = view.pixels(grid.origin + np.array([0.0, cells.shape[0] * grid.resolution]))
     width, height = (side * grid.resolution * view.scale for side in cells.shape[::-1])
     return (

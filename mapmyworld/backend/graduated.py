@@ -13,7 +13,7 @@ from scipy.sparse import diags_array
 
 from mapmyworld.backend.connected_components import Index
 from mapmyworld.backend.factors import factor_graph
-from mapmyworld.backend.information import Factorised, Variables
+from mapmyworld.backend.information import Factorised, Variables, normal_matrix
 from mapmyworld.backend.residuals import retract
 from mapmyworld.backend.system import System, believed_edges, edge_chi2, moving_edges
 from mapmyworld.geometry import Array
@@ -63,7 +63,8 @@ def _stepped(part: System, among: Variables, order: Index, poses: Array, weights
     rows = np.where(kinds > 0, 2 if part.planar else 3, d)[moving_edges(part)]
     roots = np.sqrt(np.repeat(weights[moving_edges(part)], rows))
     weighted = diags_array(roots) @ jacobian
-    step = Factorised.of_rows(weighted, order).solve(weighted.T @ (roots * right))
+    normal = normal_matrix(weighted, order)
+    step = Factorised.of(normal, order).solve(weighted.T @ (roots * right))
     tangents = np.zeros((len(poses), d))
     unknown = np.tile((part.free >= 0)[:, None], d)
     unknown[part.points] &= np.arange(d) < 2 if part.planar else np.arange(d) >= 3

@@ -48,15 +48,6 @@ class Factorised:
             raise NotPositiveDefiniteError("the edges leave a node undetermined")
         return Factorised(found, order)
 
-    @staticmethod
-    def of_rows(jacobian: csr_array, order: Index) -> Factorised:
-        """The factors of `J' J` of J (R, n), its unknowns eliminated in this order (n,).
-
-        Raises `NotPositiveDefiniteError` where they have no unique solution.
-        """
-        ordered = jacobian[:, order]
-        return Factorised.of(csc_array(ordered.T @ ordered), order)
-
     def solve(self, right: Array) -> Array:
         """The solution (n,) or (n, K) for this right-hand side."""
         found = np.empty(right.shape)
@@ -84,6 +75,12 @@ class Factorised:
                 ends[:-1].tolist(), ends[1:].tolist(), sizes.tolist(), strict=True
             )
         ]
+
+
+def normal_matrix(jacobian: csr_array, order: Index) -> csc_array:
+    """`J' J` (n, n) of J (R, n), its unknowns in this order (n,)."""
+    ordered = jacobian[:, order]
+    return csc_array(ordered.T @ ordered)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,9 +142,10 @@ class Information:
     def of(graph: FactorGraph) -> Information:
         """At the graph's values; raises `NotPositiveDefiniteError`."""
         variables = Variables.of(graph.values)
-        jacobian, _ = variables.jacobian(graph.factors.linearize(graph.values))
         order = variables.elimination(graph.factors)
-        return Information(graph.values, variables, Factorised.of_rows(jacobian, order))
+        linear = graph.factors.linearize(graph.values)
+        normal = normal_matrix(variables.jacobian(linear)[0], order)
+        return Information(graph.values, variables, Factorised.of(normal, order))
 
     def marginals(self, keys: Index) -> list[Array]:
         """The covariance (d, d) of each of these variables (K,)."""

@@ -44,21 +44,20 @@ def count_scans(
     hits: NDArray[np.uint16],
     passes: NDArray[np.uint16],
     marks: NDArray[np.uint8],
-    mark: int,
     starts: NDArray[np.float64],
     ends: NDArray[np.float64],
     is_hit: NDArray[np.bool_],
     bounds: NDArray[np.int64],
 ) -> None:
-    """Scans from `starts` (S, 2) to their `ends[bounds[k]:bounds[k + 1]]`, as `count_rays`.
+    """At most 255 scans, from `starts` (S, 2) to their `ends[bounds[k]:bounds[k + 1]]`.
 
-    `ends` (N, 2), `is_hit` (N,) and `bounds` (S + 1,); `hits`, `passes` and `marks` (H, W); `mark`
-    is the last scan that was counted before.
+    `ends` (N, 2), `is_hit` (N,) and `bounds` (S + 1,); `hits` and `passes` (H, W) as in
+    `count_rays`, `marks` (H, W) zeros, which are used up.
     """
     for k in range(len(starts)):
         first, last = bounds[k], bounds[k + 1]
         count_rays(
-            hits, passes, marks, mark + 1 + k, starts[k, 0], starts[k, 1],
+            hits, passes, marks, k + 1, starts[k, 0], starts[k, 1],
             ends[first:last], is_hit[first:last],
         )  # fmt: skip
 

@@ -16,7 +16,6 @@ from mapmyworld.kernels.rays import count_scans
 from mapmyworld.types import Scan
 
 _MARGIN = 64  # cells by which the canvas outgrows what is needed, so that it seldom grows
-_MOST_MARKS = 255  # scans that a cell's mark indicates apart
 _MOST_CELLS = 400_000_000  # of the canvas; beyond, some range or pose is nonsense
 
 
@@ -97,8 +96,7 @@ class Canvas:
         self._corner = np.zeros(2, np.int64)  # lattice cell of the canvas's cell (0, 0)
         self._hits = np.zeros((0, 0), np.uint16)
         self._passes = np.zeros((0, 0), np.uint16)
-        self._marks = np.zeros((0, 0), np.uint8)
-        self._mark = 0
+        self._drawn = np.zeros((2, 2), np.int64)  # lattice cells from and up to which it is
 
     def add(self, beams: Beams) -> None:
         """Draws the beams of at most 255 scans."""
@@ -109,31 +107,31 @@ class Canvas:
         low = np.floor(np.minimum(ends.min(axis=0), used.min(axis=0))).astype(np.int64)
         high = np.floor(np.maximum(ends.max(axis=0), used.max(axis=0))).astype(np.int64)
         self._cover(low - 1, high + 1)  # with a cell of margin around
-        if self._mark + len(starts) > _MOST_MARKS:
-            self._marks, self._mark = np.zeros_like(self._marks), 0
         count_scans(
-            self._hits, self._passes, self._marks, self._mark,
+            self._hits, self._passes, np.zeros(self._hits.shape, np.uint8),
             starts - self._corner, ends - self._corner, beams.is_hit, beams.bounds,
         )  # fmt: skip
-        self._mark += len(starts)
 
     def _cover(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
         """Grows the canvas until it holds the lattice cells `low` to `high`."""
         size = np.array(self._hits.shape[::-1], np.int64)
         if not size.all():
-            self._corner = low
+            self._corner, self._drawn = low, np.array([low, low])
+        before, self._drawn = self._drawn, np.array([
+            np.minimum(self._drawn[0], low), np.maximum(self._drawn[1], high + 1),
+        ])  # fmt: skip
         lacks = np.maximum(self._corner - low, 0), np.maximum(high + 1 - self._corner - size, 0)
         if not np.any(lacks):
             return
         margin = _MARGIN + size // 4
         left, right = (np.where(lack > 0, lack + margin, 0) for lack in lacks)
         _check_size(left + size + right)
+        old = _cells(*(before - self._corner))
         self._corner = self._corner - left
-        part = tuple(slice(at, at + side) for at, side in zip(left[::-1], size[::-1], strict=True))
+        new = _cells(*(before - self._corner))
         shape = tuple((left + size + right)[::-1].tolist())
-        self._hits = _within(self._hits, part, shape)
-        self._passes = _within(self._passes, part, shape)
-        self._marks = _within(self._marks, part, shape)
+        self._hits = _within(self._hits[old], new, shape)
+        self._passes = _within(self._passes[old], new, shape)
 
     def seen(self) -> Counts:
         """The part that was seen, one cell of margin around.
@@ -151,6 +149,11 @@ class Canvas:
         part = np.s_[rows[0] - 1 : rows[-1] + 2, columns[0] - 1 : columns[-1] + 2]
         corner = self._corner + np.array([columns[0], rows[0]]) - 1
         return Counts(corner, self._hits[part], self._passes[part])
+
+
+def _cells(low: NDArray[np.int64], high: NDArray[np.int64]) -> tuple[slice, ...]:
+    """Those from `low` (2,), x and y, up to `high` (2,)."""
+    return slice(low[1], high[1]), slice(low[0], high[0])
 
 
 def _within(cells: NDArray[Any], part: tuple[slice, ...], shape: tuple[int, ...]) -> NDArray[Any]:

@@ -130,7 +130,7 @@ def evidence_grid(submap: Submap) -> LikelihoodGrid:
     starts = np.clip((submap.origins - corner) / _RESOLUTION + margin, 0.0, edge)
     hits, passes = np.zeros((2, height, width), np.uint16)
     marks = np.zeros((height, width), np.uint8)
-    count_scans(hits, passes, marks, 0, starts, ends, np.ones(len(ends), np.bool_), submap.bounds)
+    count_scans(hits, passes, marks, starts, ends, np.ones(len(ends), np.bool_), submap.bounds)
     found = np.where(passes > 0, 0, _UNSEEN).astype(np.uint8)
     found[cells[:, 1], cells[:, 0]] = FULL
     return LikelihoodGrid.of(found, corner, margin)

@@ -22,26 +22,30 @@ Placed = tuple[NDArray[np.float64], Scan]
 @on_one_thread
 def draw_maps(store: MapStore, config: Config, progress: Progress) -> None:
     """The occupancy grid of all scans at their final poses; of depth where there is no laser."""
-    from mapmyworld.mapping.occupancy import build_grid
-
     if has_scans(store):
         frames = store.frame_poses()
         assert frames is not None
         progress.stage("grid", len(frames), "scans")
         scans = scans_at(store, np.arange(len(frames)), frames)
-        store.set_grid(build_grid(_counted(scans, progress), config))
+        _draw(scans, store, config, progress)
     elif has_images(store):
         poses = store.poses()
         assert poses is not None
         progress.stage("grid from depth", len(store.nodes()), "nodes")
         try:
             scans = depth_scans(store, poses, config)
-            store.set_grid(build_grid(_counted(scans, progress), config))
+            _draw(scans, store, config, progress)
         except NothingToDrawError as nothing:  # neither floor nor anything in the way was seen
             progress.note(f"no grid from depth: {nothing}")
-    if (grid := store.grid()) is not None:
-        rows, columns = grid.log_odds.shape
-        decided("map", f"{columns} x {rows} cells of {grid.resolution:g} m")
+
+
+def _draw(scans: Iterator[Placed], store: MapStore, config: Config, progress: Progress) -> None:
+    from mapmyworld.mapping.occupancy import build_grid
+
+    grid = build_grid(_counted(scans, progress), config)
+    store.set_grid(grid)
+    rows, columns = grid.log_odds.shape
+    decided("map", f"{columns} x {rows} cells of {grid.resolution:g} m")
 
 
 def _counted(scans: Iterator[Placed], progress: Progress) -> Iterator[Placed]:

@@ -26,6 +26,7 @@ from formats.database.calibration import blob_to_cameras
 from formats.database.image_blobs import decode_depth, decode_picture
 from formats.database.scan_blobs import blob_to_scan, columns_to_observation, scan_to_blob
 from mapmyworld.errors import MapError
+from mapmyworld.map_figures import map_figures
 from mapmyworld.types import Scan, TrackedFrames
 
 POINTS = np.ones((1, 10, 2), np.float32)
@@ -278,3 +279,13 @@ def test_numbers_beyond_sense_in_packed_arrays(tmp_path: Path, name: str, value:
         sqlite.execute("UPDATE mapmyworld_arrays SET data = ? WHERE name = ?", (spoilt, name))
     with pytest.raises(MapError, match=f"{name}: a damaged array"):
         read_all(path)
+
+
+def test_tracked_frames_of_a_node_that_is_none_are_damage(tmp_path: Path) -> None:
+    """Found by the campaign: the duration of the sessions is that of the frames' nodes."""
+    with open_store(tmp_path / "map.db", create=True) as store:
+        fill(store)
+        frames = store.tracked_frames()
+        store.set_tracked_frames(replace(frames, node_ids=frames.node_ids + 90))
+    with open_store(tmp_path / "map.db") as store, pytest.raises(MapError, match="of node 9"):
+        map_figures(store)

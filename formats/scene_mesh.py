@@ -73,7 +73,7 @@ def _arrays(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray
             scene = trimesh.load_scene(stream, kind, resolver=beside, process=False)
             solids = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh)]
             counts = np.cumsum([0, *(len(solid.vertices) for solid in solids)])
-            vertices = [np.asarray(solid.vertices, np.float64) for solid in solids]
+            vertices = [_vertices(solid) for solid in solids]
             corners = [_corners(solid) + n for solid, n in zip(solids, counts, strict=False)]
             colours = [_colours(solid) for solid in solids]
             if not solids:
@@ -86,6 +86,14 @@ def _arrays(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray
         raise beside.refusal
     triangles = np.concatenate(corners).astype(np.int32)
     return np.concatenate(vertices), triangles, np.concatenate(colours)
+
+
+def _vertices(solid: Any) -> NDArray[np.float64]:
+    """Points (V, 3) in metres; ValueError for those of fewer coordinates."""
+    vertices = np.asarray(solid.vertices, np.float64)
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise ValueError("points without three coordinates")
+    return vertices
 
 
 def _corners(solid: Any) -> NDArray[np.int64]:

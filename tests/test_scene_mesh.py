@@ -155,6 +155,15 @@ def test_triangles_of_corners_that_do_not_exist_are_refused(tmp_path: Path) -> N
             read_scene_mesh(path)
 
 
+@pytest.mark.parametrize("point", ["0", "0 1"])
+def test_a_world_of_points_without_three_coordinates_is_refused(tmp_path: Path, point: str) -> None:
+    """Found by the campaign: the plan of its walls ended in a traceback."""
+    path = tmp_path / "room.obj"
+    path.write_text(f"v {point}\n" * 3 + "f 1 2 3\n")
+    with pytest.raises(MapError, match="no triangles"):
+        read_scene_mesh(path)
+
+
 def test_a_world_larger_than_any_drive_is_refused(tmp_path: Path) -> None:
     """Found by the campaign: the plan of its walls took all memory."""
     as_ply(tmp_path / "room.ply")

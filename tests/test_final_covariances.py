@@ -89,6 +89,14 @@ def test_sweeps_of_a_robot_that_stands_are_whole() -> None:
         assert not sweep_variances(nodes, frames, np.zeros(3), Config().odometry).any()
 
 
+def test_sweeps_are_compared_where_every_turn_makes_a_keyframe() -> None:
+    """Found by the campaign of settings: a turn was divided by a setting of 0."""
+    nodes, frames = steady_drive(np.full(3, 1e-3), 0.6, 400)
+    config = replace(Config().odometry, keyframe_angle=0.0)
+    with np.errstate(all="raise"):
+        assert np.isfinite(sweep_variances(nodes, frames, np.zeros(3), config)).all()
+
+
 def test_a_corridor_leaves_a_scan_open_along_it() -> None:
     along = np.linspace(-5, 5, 100)
     wall = np.stack([along, np.ones(100), np.zeros(100), np.ones(100), np.zeros(100)], axis=1)

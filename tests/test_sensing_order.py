@@ -83,6 +83,23 @@ def test_a_sensor_whose_clock_was_set_back_is_placed_by_log_time() -> None:
     assert "clocks disagree" in loss
 
 
+@pytest.mark.parametrize("stamp_of", [lambda t: t + 40 * S, lambda t: t - 2 * S, lambda _: 0])
+def test_odometry_without_the_laser_s_clock_is_placed_by_log_time(
+    stamp_of: Callable[[int], int],
+) -> None:
+    """A base whose computer has another clock, or whose driver writes no stamps."""
+    entries = [
+        (topic, odometry_at(stamp_of(time), (time / S, 0, 0)) if topic == "/odom" else m, time)
+        for topic, m, time in drive(160)
+    ]
+    plan, frames, counts = read(entries)
+    assert plan.use_log_time
+    assert counts.without_odometry == 0
+    for frame in frames:
+        assert frame.odom_from_base is not None
+        assert frame.odom_from_base[0, 3] == pytest.approx(frame.stamp_ns / S, abs=1e-6)
+
+
 def test_one_clock_set_back_is_a_loss() -> None:
     """Without wheels to indicate which order is right, the log's is kept."""
     scans = [e for e in drive(160) if e[0] != "/odom"]

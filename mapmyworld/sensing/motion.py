@@ -23,24 +23,31 @@ def is_place(pose: NDArray[np.float64]) -> bool:
 
 
 class MotionRecorder:
-    """Collects poses in the order in which they come; 104 bytes a sample."""
+    """Collects poses in the order in which they come; 112 bytes a sample."""
 
     def __init__(self) -> None:
-        self._stamps = array("q")
+        self._stamps, self._log_times = array("q"), array("q")
         self._values = array("d")
 
-    def add(self, stamp_ns: int, pose: NDArray[np.float64]) -> bool:
-        """One more pose (4, 4), in the order of the log; False, and left out, if it is no place."""
+    def add(self, stamp_ns: int, pose: NDArray[np.float64], log_time_ns: int | None = None) -> bool:
+        """One more pose (4, 4), in the order of the log; False, and left out, if it is no place.
+
+        Its log time is its stamp unless told.
+        """
         if not is_place(pose):
             return False
         self._stamps.append(stamp_ns)
+        self._log_times.append(stamp_ns if log_time_ns is None else log_time_ns)
         self._values.extend(pose[:3].ravel().tolist())
         return True
 
     def finish(self) -> RecordedMotion:
         """The motion, in the very memory in which it was collected: nothing can be added then."""
-        stamps = np.frombuffer(self._stamps, np.int64)
-        return RecordedMotion(stamps, np.frombuffer(self._values).reshape(-1, 3, 4))
+        return RecordedMotion(
+            np.frombuffer(self._stamps, np.int64),
+            np.frombuffer(self._values).reshape(-1, 3, 4),
+            log_times_ns=np.frombuffer(self._log_times, np.int64),
+        )
 
 
 class RecordedMotion:
@@ -55,11 +62,13 @@ class RecordedMotion:
         stamps_ns: NDArray[np.int64],
         values: NDArray[np.float64],
         interpolated: NDArray[np.bool_] | None = None,
+        log_times_ns: NDArray[np.int64] | None = None,
     ) -> None:
         """`values` (N, 3, 4) are the upper rows of the poses at `stamps_ns` (N,); `interpolated`
-        (N,) those that nobody measured.
+        (N,) those that nobody measured; `log_times_ns` (N,) when they were recorded.
         """
         self.stamps_ns = stamps_ns
+        self._log_times_ns = stamps_ns if log_times_ns is None else log_times_ns
         nowhere = np.zeros(len(stamps_ns), np.bool_)
         self._interpolated = nowhere if interpolated is None else interpolated
         self._values = np.ascontiguousarray(values)
@@ -71,19 +80,35 @@ class RecordedMotion:
 
     def followed_by(self, child_from_base: NDArray[np.float64]) -> RecordedMotion:
         """The same motion of another frame, fixed to the recorded one: `child_from_base` (4, 4)."""
-        values = self.poses_at(slice(None)) @ child_from_base
-        return RecordedMotion(self.stamps_ns, values[:, :3], self._interpolated)
+        poses = self.poses_at(slice(None)) @ child_from_base
+        return self.with_poses(poses, np.zeros(len(poses), np.bool_))
+
+    def with_poses(
+        self, poses: NDArray[np.float64], interpolated: NDArray[np.bool_]
+    ) -> RecordedMotion:
+        """Other poses (N, 4, 4) at the same times; `interpolated` (N,) more that are no measure."""
+        return RecordedMotion(
+            self.stamps_ns, poses[:, :3], self._interpolated | interpolated, self._log_times_ns
+        )
+
+    def on_log_time(self) -> RecordedMotion:
+        """The same poses stamped by when they were recorded: where header stamps are of no use."""
+        return RecordedMotion(self._log_times_ns, self._values, self._interpolated)
 
     def in_stamp_order(self) -> RecordedMotion:
         """The same poses sorted by stamp."""
         order = np.argsort(self.stamps_ns, kind="stable")
         stamps_ns, values = self.stamps_ns[order], self._values[order]
-        return RecordedMotion(stamps_ns, values, self._interpolated[order])
+        log_times_ns = self._log_times_ns[order]
+        return RecordedMotion(stamps_ns, values, self._interpolated[order], log_times_ns)
 
     def shifted(self, seconds: float) -> RecordedMotion:
         """The same poses with so much added to their stamps."""
         return RecordedMotion(
-            self.stamps_ns + round(seconds * 1e9), self._values, self._interpolated
+            self.stamps_ns + round(seconds * 1e9),
+            self._values,
+            self._interpolated,
+            self._log_times_ns,
         )
 
     def is_interpolated(self, stamp_ns: int) -> bool:

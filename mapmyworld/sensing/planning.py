@@ -6,7 +6,7 @@ from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
 from mapmyworld.sensing import plan_base, plan_cameras, plan_checks, plan_lasers, plan_motion
 from mapmyworld.sensing.order import check_stamps, choose_order
-from mapmyworld.sensing.plan import Draft, Plan
+from mapmyworld.sensing.plan import Draft, OdometrySource, Plan
 from mapmyworld.sensing.plan_more_cameras import choose_more_cameras
 from mapmyworld.sensing.plan_topics import check_topics
 from mapmyworld.sensing.survey import Survey
@@ -30,6 +30,8 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
     used = plan_checks.used_streams(draft, scan, camera, odometry)
     sort_ns, odometry = choose_order(draft, used, odometry)
     use_log_time = plan_checks.choose_clock(draft, used) if not sort_ns else False
+    if use_log_time and odometry is not None:
+        odometry = OdometrySource(odometry.name, odometry.motion.on_log_time())
     if not (sort_ns or use_log_time):
         check_stamps(draft, used)
     plan_checks.check_streams(draft, used, scan, sorted_by_stamp=sort_ns > 0)

@@ -187,7 +187,8 @@ class _Surveyor:
         elif isinstance(message, ImuMessage):
             self.forces[raw.topic].add(message, raw.log_time_ns)
         elif isinstance(message, OdometryMessage):
-            if self.recorders[raw.topic].add(message.stamp_ns, message.pose):
+            motion = self.recorders[raw.topic]
+            if motion.add(message.stamp_ns, message.pose, raw.log_time_ns):
                 self.frames[raw.topic] = (message.frame_id, message.child_frame_id)
             else:
                 stream.undecodable += 1

@@ -1,12 +1,14 @@
-"""Odometry that stands still and catches up."""
+"""Odometry that stands still and catches up, or begins anew elsewhere."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from mapmyworld.geometry.planar import planar_to_matrix
+from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.motion import RecordedMotion
-from mapmyworld.sensing.stalls import without_stalls
+from mapmyworld.sensing.stalls import without_leaps, without_stalls
 
 
 def drive(stalled: slice) -> tuple[RecordedMotion, np.ndarray]:
@@ -40,3 +42,54 @@ def test_a_robot_that_stands_and_goes_on_is_left_alone() -> None:
     assert count == 0
     assert np.array_equal(found.poses_at(slice(None)), values)
     assert without_stalls(motion)[1] == 0
+
+
+def restarted(seconds: float) -> tuple[RecordedMotion, np.ndarray]:
+    """A drive at 1 m/s far from the origin, where odometry begins anew after a silence."""
+    poses = planar_to_matrix(np.stack([0.1 * np.arange(200.0), *np.zeros((2, 200))], axis=1))
+    shown = poses.copy()
+    shown[:100, 1, 3] += 500.0
+    stamps = 100_000_000 * np.arange(200, dtype=np.int64)
+    stamps[100:] += round(1e9 * seconds)
+    return RecordedMotion(stamps, shown[:, :3]), poses
+
+
+@pytest.mark.parametrize("seconds", [0.0, 3.0, 20.0])
+def test_odometry_that_begins_anew_elsewhere_is_continued(seconds: float) -> None:
+    """As if the robot had stood in the step of the leap; every other step stays as it was."""
+    motion, poses = restarted(seconds)
+    found, count = without_leaps(motion)
+    steps, expected = between(*pairs(found.poses_at(slice(None)))), between(*pairs(poses))
+    expected[99] = np.eye(4)
+    assert count == 1
+    assert np.allclose(steps, expected, atol=1e-9)
+    assert found.is_interpolated(int(motion.stamps_ns[100]))
+
+
+def test_a_pose_that_lies_elsewhere_for_once_leaps_there_and_back() -> None:
+    motion, poses = drive(slice(80, 81))
+    poses[100, 0, 3] += 1000.0
+    found, count = without_leaps(RecordedMotion(motion.stamps_ns, poses[:, :3]))
+    assert count == 2
+    assert np.ptp(found.poses_at(slice(None))[:, 0, 3]) == pytest.approx(19.7)
+
+
+def pairs(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return poses[:-1], poses[1:]
+
+
+def test_a_silence_through_which_a_robot_drove_on_is_no_leap() -> None:
+    motion, poses = restarted(60.0)
+    poses[100:, 0, 3] += 60.0
+    going_on = RecordedMotion(motion.stamps_ns, poses[:, :3])
+    assert without_leaps(going_on) == (going_on, 0)
+
+
+def test_an_estimate_of_stalls_is_kept_beside_leaps() -> None:
+    motion, poses = drive(slice(80, 95))
+    poses[80:95] = poses[80]
+    poses[150:, 1, 3] += 500.0
+    without, _ = without_stalls(RecordedMotion(motion.stamps_ns, poses[:, :3]))
+    found, count = without_leaps(without)
+    assert count == 1
+    assert found.is_interpolated(int(motion.stamps_ns[85]))

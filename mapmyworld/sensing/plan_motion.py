@@ -11,7 +11,7 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.plan import Draft, ImuSource, OdometrySource, ScanSource
 from mapmyworld.sensing.plan_base import BASES, ODOMS, WORLDS
-from mapmyworld.sensing.stalls import without_stalls
+from mapmyworld.sensing.stalls import without_leaps, without_stalls
 from mapmyworld.sensing.transforms import frame_name, is_called
 from mapmyworld.types import ImuMessage, MessageKind
 
@@ -53,6 +53,12 @@ def choose_odometry(draft: Draft, base: str) -> OdometrySource | None:
         draft.warnings.append(
             f"{best.name} repeats a pose and then catches up in one step, {stalls} times: "
             "interpolated"
+        )
+    motion, leaps = without_leaps(motion)
+    if leaps:
+        draft.warnings.append(
+            f"{best.name} leaps farther than the robot goes, {leaps} times: continued from the "
+            "pose before; was its driver started again?"
         )
     return replace(best, motion=motion)
 

@@ -1,15 +1,18 @@
-"""Odometry that stands still while the robot goes on, and then catches up in one step."""
+"""Odometry that stands still and then catches up in one step, or begins anew elsewhere."""
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
-from mapmyworld.geometry.rigid import between, interpolate
+from mapmyworld.geometry.rigid import between, interpolate, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.sensing.motion import RecordedMotion
 
 _FASTEST = 0.99  # quantile of the log's own speeds beyond which a step is none of the robot's
 _FEWEST = 50  # steps from which speeds are known
+_LEAP = 5.0, 10.0  # m, and times its own speed, that no robot goes from one pose to the next
 
 
 def without_stalls(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
@@ -46,4 +49,31 @@ def without_stalls(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
         span = max(int(stamps[jump + 1] - stamps[begin]), 1)
         share = (stamps[inside] - stamps[begin]) / span
         poses[inside] = interpolate(poses[begin], poses[jump + 1], share)
-    return RecordedMotion(stamps, poses[:, :3], interpolated), len(jumps)
+    return motion.with_poses(poses, interpolated), len(jumps)
+
+
+def without_leaps(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
+    """The motion without its leaps, and how many there were.
+
+    A driver that is started again begins at the origin, a filter is corrected: the poses after a
+    leap continue from the pose before it, as if the robot had stood meanwhile.
+    """
+    if len(motion) < _FEWEST or not motion.is_sorted:
+        return motion, 0
+    poses, seconds = motion.poses_at(slice(None)), np.diff(motion.stamps_ns) * 1e-9
+    metres = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    speeds = metres / np.maximum(seconds, 1e-9)
+    usual = (metres > 0.0) & (seconds > 0.0)
+    if np.count_nonzero(usual) < _FEWEST:
+        return motion, 0
+    fastest = np.quantile(speeds[usual], _FASTEST)
+    leaps = np.flatnonzero((metres > _LEAP[0]) & (speeds > _LEAP[1] * fastest)) + 1
+    if not len(leaps):
+        return motion, 0
+    continued, before_from_after = poses.copy(), np.eye(4)
+    for leap, end in pairwise([*leaps.tolist(), len(poses)]):
+        before_from_after = before_from_after @ poses[leap - 1] @ invert(poses[leap])
+        continued[leap:end] = before_from_after @ poses[leap:end]
+    interpolated = np.zeros(len(poses), np.bool_)
+    interpolated[leaps] = True
+    return motion.with_poses(continued, interpolated), len(leaps)

@@ -289,3 +289,12 @@ def test_tracked_frames_of_a_node_that_is_none_are_damage(tmp_path: Path) -> Non
         store.set_tracked_frames(replace(frames, node_ids=frames.node_ids + 90))
     with open_store(tmp_path / "map.db") as store, pytest.raises(MapError, match="of node 9"):
         map_figures(store)
+
+
+def test_tracked_frames_of_a_node_that_misses_one_of_its_rows_are_damage(tmp_path: Path) -> None:
+    with open_store(tmp_path / "map.db", create=True) as store:
+        fill(store)
+    with contextlib.closing(sqlite3.connect(tmp_path / "map.db")) as sqlite, sqlite:
+        sqlite.execute("DELETE FROM Node WHERE id = 2")
+    with open_store(tmp_path / "map.db") as store, pytest.raises(MapError, match="of node 2"):
+        map_figures(store)

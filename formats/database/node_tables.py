@@ -120,15 +120,10 @@ class NodeTables(Transactions):
 
     def _check_nodes(self, what: str, node_ids: NDArray[np.int64]) -> None:
         """Raises `MapError` unless all of them (N,) are nodes of the map."""
-        wanted = json.dumps(np.unique(node_ids).tolist())
-        unknown = (
-            "SELECT value FROM json_each(?)"
-            " WHERE value NOT IN (SELECT id FROM mapmyworld_nodes) LIMIT 1"
-        )
-        found = self._db.row(unknown, (wanted,))
-        if found is not None:
+        unknown = np.setdiff1d(node_ids, [node.id for node in self.nodes()])
+        if len(unknown):
             raise MapError(
-                f"{self.path}: {what}: a damaged array (of node {found[0]}, which is none)"
+                f"{self.path}: {what}: a damaged array (of node {unknown[0]}, which is none)"
             )
 
     def _restore_session(self) -> None:

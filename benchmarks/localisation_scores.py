@@ -32,14 +32,15 @@ def report(name: str, found: Localisation, cpu_s: float, reference: Trajectory) 
         f"| {name} | {'never' if first is None else f'{first:.1f}'} | {claimed.mean():.1%} | "
         f"{np.median(metres):.4f} | {np.percentile(metres, 95):.4f} | {metres.max():.3f} | "
         f"{np.median(degrees):.2f} | {np.count_nonzero(metres > _FAR)} | {found.times_lost} | "
-        f"{squares.mean():.1f} | {duration / cpu_s:.0f} |",
+        f"{squares.mean():.2f} | {np.percentile(squares, 95):.2f} | {duration / cpu_s:.0f} |",
         flush=True,
     )
 
 
 def head() -> None:
     columns = ("log in map", "found after s", "claimed", "median m", "95 % m", "max m",
-               "median deg", "false", "lost again", "NEES", "x real time")  # fmt: skip
+               "median deg", "false", "lost again", "NEES mean", "NEES 95 %",
+               "x real time")  # fmt: skip
     print(f"| {' | '.join(columns)} |")
     print(f"|{' --- |' * len(columns)}")
 

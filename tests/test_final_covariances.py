@@ -10,6 +10,7 @@ import pytest
 from formats.database import MemoryMap
 from mapmyworld.alignment.joint_alignment import FAINT, without_open
 from mapmyworld.alignment.joint_covariance import (
+    are_known_within,
     as_contradicted,
     of_anchors,
     shape_covariances,
@@ -121,6 +122,28 @@ def test_pairs_are_as_confident_as_they_agree() -> None:
     assert np.array_equal(scaled[0], stated[0])
     agree = 1e6 * (1 - 3 * 39 / (3 * pairs))
     assert np.median(scaled[1:, 0, 0]) == pytest.approx(agree * 39 / pairs, rel=0.2)
+
+
+def test_revisits_that_no_edge_places_are_not_compared() -> None:
+    """Claimed before: 2 cm for 4 m, along a corridor of equal doors whose closures were refused."""
+    count = 401
+    there = np.arange(count) * 0.5
+    poses = np.column_stack([np.minimum(there, 200.0 - there), np.zeros((count, 2))])
+    chain = np.arange(count - 1)
+    information = np.tile(np.diag([1e4, 1e4, 1e6]), (count - 1, 1, 1))
+    moved = np.diff(poses, axis=0)
+    free = np.arange(count)
+    open_way = System(True, chain, chain + 1, moved, information, free)
+    pairs = np.array([[0, 9], [0, 400], [5, 395]])
+    assert are_known_within(open_way, poses, pairs, 0.3).tolist() == [True, False, False]
+    closed = replace(
+        open_way,
+        tails=np.append(chain, 0), heads=np.append(chain + 1, 400),
+        measured=np.vstack([moved, np.zeros(3)]),
+        information=np.concatenate([information, 1e4 * np.eye(3)[None]]),
+    )  # fmt: skip
+    assert are_known_within(closed, poses, pairs, 0.3).tolist() == [True, True, True]
+    assert are_known_within(open_way, poses, pairs[:0], 0.3).shape == (0,)
 
 
 def test_scans_measure_once_however_many_pairs_they_are_in() -> None:

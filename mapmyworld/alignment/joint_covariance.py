@@ -12,12 +12,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmyworld.alignment.joint_alignment import FAINT
 from mapmyworld.backend.connected_components import first_nodes
-from mapmyworld.backend.system import System, edge_chi2
+from mapmyworld.backend.information import NotPositiveDefiniteError
+from mapmyworld.backend.system import System, believed_edges, edge_chi2
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, planar_adjoint
+from mapmyworld.graph.covariance import relative_covariances
 from mapmyworld.registration.scan_matching import ScanSet
 
 
@@ -38,6 +41,23 @@ def as_contradicted(joint: System, pairs: int, poses: Array) -> System:
     factor *= max(1.0, pairs / max(1, int(np.count_nonzero(joint.free[scans] >= 0))))
     information[-pairs:] = stated / factor + FAINT * np.eye(3)
     return replace(joint, information=information)
+
+
+def are_known_within(
+    joint: System, poses: Array, pairs: NDArray[np.int64], reach: float
+) -> NDArray[np.bool_]:
+    """(P,) of which pairs (P, 2) of nodes the edges alone show at `poses` (N, 3) how they lie.
+
+    Three sigmas of the one's position in the other's frame are less than `reach` (m), the distance
+    within which points are associated. Beyond it they may be of other walls that look the same, as
+    between equal doors of a corridor, and no later round would notice.
+    """
+    anchored = believed_edges(joint, np.ones(len(joint.tails), np.bool_))
+    try:
+        spread = relative_covariances(anchored, poses, *pairs.T)
+    except NotPositiveDefiniteError:
+        return np.ones(len(pairs), np.bool_)
+    return np.asarray(9.0 * np.linalg.eigvalsh(spread[:, :2, :2])[:, 1] < reach**2)
 
 
 def shape_covariances(scans: ScanSet, residual: float) -> Array:

@@ -14,7 +14,8 @@ from mapmyworld.places.stored_scans import BLOCK
 
 Index = NDArray[np.int64]
 _IN_TIME = (1, 2, 4, 8)  # scans ahead that each scan is compared with
-_GAP = _IN_TIME[-1] + 1  # scans between two that are of different visits
+GAP = _IN_TIME[-1] + 1
+"""Scans between two that are of different visits."""
 _SAME_PLACE, _SAME_HEADING = 0.5, 0.5  # m and rad within which a place is visited again
 _AROUND = tuple(itertools.product((-1, 0, 1), repeat=2))
 
@@ -29,11 +30,11 @@ def among_first_revisits(poses: NDArray[np.float64], revisits: int) -> NDArray[n
     first = np.zeros(len(poses), np.bool_)
     for k, (column, row) in enumerate(cells):
         around = np.array(sorted(i for c, r in _AROUND for i in taken[column + c, row + r]), int)
-        around = around[around <= k - _GAP]
+        around = around[around <= k - GAP]
         apart = np.hypot(*(poses[around, :2] - poses[k, :2]).T)
         turn = np.abs(wrap_angle(poses[around, 2] - poses[k, 2]))
         before = around[(apart < _SAME_PLACE) & (turn < _SAME_HEADING)]
-        first[k] = np.count_nonzero(np.diff(before, prepend=-_GAP - 1) > _GAP) < revisits
+        first[k] = np.count_nonzero(np.diff(before, prepend=-GAP - 1) > GAP) < revisits
         if first[k]:
             taken[column, row].append(k)
     return first
@@ -60,7 +61,7 @@ def neighbour_pairs(
         block = cKDTree(poses[start : start + BLOCK, :2])
         near = block.sparse_distance_matrix(tree, radius, output_type="ndarray")
         scans, others = near["i"] + start, asked[near["j"]]
-        apart = np.abs(others - scans) >= _GAP
+        apart = np.abs(others - scans) >= GAP
         keys = np.sort(scans[apart] * count + others[apart])
         found.append(_nearest_of_revisits(poses, keys // count, keys % count, revisits))
     low, high = np.sort(np.concatenate(found), axis=1).T
@@ -75,7 +76,7 @@ def _nearest_of_revisits(
     x, y, turn = (column[others] - column[scans] for column in np.ascontiguousarray(poses.T))
     cost = np.hypot(x, y) + np.abs(wrap_angle(turn))  # a radian as a metre
     anew = np.diff(scans, prepend=-1) != 0
-    anew |= np.diff(others, prepend=0) > _GAP
+    anew |= np.diff(others, prepend=0) > GAP
     best = _least_of_runs(cost, anew)
     best = best[np.lexsort((cost[best], scans[best]))]
     first = np.searchsorted(scans[best], scans[best], side="left")

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.alignment.joint_alignment import align_in_rounds
 from mapmyworld.alignment.joint_covariance import (
+    are_known_within,
     as_contradicted,
     carried,
     of_anchors,
@@ -23,7 +24,7 @@ from mapmyworld.alignment.joint_system import (
     joint_system,
     step_covariances,
 )
-from mapmyworld.alignment.laser_pairs import among_first_revisits, neighbour_pairs
+from mapmyworld.alignment.laser_pairs import GAP, among_first_revisits, neighbour_pairs
 from mapmyworld.backend.block_matrix import diagonals
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array
@@ -193,7 +194,7 @@ def _rounds(
     settings, config = task.config.odometry, task.config
     session, count = task.session[task.chosen], len(poses)
     stays = np.append(held, np.zeros(len(landmarks), np.bool_))
-    system, every = joint_system(
+    system, start = joint_system(
         task.nodes, task.chosen, task.constraints, task.statements,
         np.concatenate([poses, landmarks]), stays,
     )  # fmt: skip
@@ -203,9 +204,12 @@ def _rounds(
         radius, revisits = settings.refine_radius, settings.refine_revisits
         pairs = neighbour_pairs(poses[:count], radius, revisits, among=among)
         together = session[pairs[:, 0]] == session[pairs[:, 1]]
-        return np.asarray(pairs[~held[pairs].all(axis=1) & together])
+        pairs = np.asarray(pairs[~held[pairs].all(axis=1) & together])
+        later = np.flatnonzero(pairs[:, 1] - pairs[:, 0] >= GAP)
+        are_known = are_known_within(system, start, pairs[later], FINE[0])
+        return np.asarray(np.delete(pairs, later[~are_known], axis=0))
 
-    found = align_in_rounds(task.scans, system, every, pairs_at, config, progress)
+    found = align_in_rounds(task.scans, system, start, pairs_at, config, progress)
     every, residual = found.poses, found.residual
     own = shape_covariances(task.scans, residual)
     known = np.median(own.diagonal(0, 1, 2), axis=0)

@@ -115,7 +115,7 @@ def relative_covariances(system: System, poses: Array, tails: Index, heads: Inde
     )  # fmt: skip
     alone = list(np.arange(len(tails)).reshape(-1, 1))
     found = predictions(information_of(system, poses), asked, poses, alone)
-    return np.stack([one.covariance for one in found])
+    return np.array([one.covariance for one in found]).reshape(exact.shape)
 
 
 def spatial_covariances(planar: bool, covariances: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Odometry that stands still and catches up, or begins anew elsewhere."""
+"""Odometry that stands still and catches up, or is reset."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.motion import RecordedMotion
-from mapmyworld.sensing.stalls import without_leaps, without_stalls
+from mapmyworld.sensing.stalls import without_resets, without_stalls
 
 
 def drive(stalled: slice) -> tuple[RecordedMotion, np.ndarray]:
@@ -55,10 +55,10 @@ def restarted(seconds: float) -> tuple[RecordedMotion, np.ndarray]:
 
 
 @pytest.mark.parametrize("seconds", [0.0, 3.0, 20.0])
-def test_odometry_that_begins_anew_elsewhere_is_continued(seconds: float) -> None:
-    """As if the robot had stood in the step of the leap; every other step stays as it was."""
+def test_odometry_that_is_reset_is_continued(seconds: float) -> None:
+    """As if the robot had stood in the step of the reset; every other step stays as it was."""
     motion, poses = restarted(seconds)
-    found, count = without_leaps(motion)
+    found, count = without_resets(motion)
     steps, expected = between(*pairs(found.poses_at(slice(None)))), between(*pairs(poses))
     expected[99] = np.eye(4)
     assert count == 1
@@ -66,10 +66,10 @@ def test_odometry_that_begins_anew_elsewhere_is_continued(seconds: float) -> Non
     assert found.is_interpolated(int(motion.stamps_ns[100]))
 
 
-def test_a_pose_that_lies_elsewhere_for_once_leaps_there_and_back() -> None:
+def test_a_pose_that_lies_elsewhere_for_once_is_two_resets() -> None:
     motion, poses = drive(slice(80, 81))
     poses[100, 0, 3] += 1000.0
-    found, count = without_leaps(RecordedMotion(motion.stamps_ns, poses[:, :3]))
+    found, count = without_resets(RecordedMotion(motion.stamps_ns, poses[:, :3]))
     assert count == 2
     assert np.ptp(found.poses_at(slice(None))[:, 0, 3]) == pytest.approx(19.7)
 
@@ -78,18 +78,18 @@ def pairs(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return poses[:-1], poses[1:]
 
 
-def test_a_silence_through_which_a_robot_drove_on_is_no_leap() -> None:
+def test_a_silence_through_which_a_robot_drove_on_is_no_reset() -> None:
     motion, poses = restarted(60.0)
     poses[100:, 0, 3] += 60.0
     going_on = RecordedMotion(motion.stamps_ns, poses[:, :3])
-    assert without_leaps(going_on) == (going_on, 0)
+    assert without_resets(going_on) == (going_on, 0)
 
 
-def test_an_estimate_of_stalls_is_kept_beside_leaps() -> None:
+def test_an_estimate_of_stalls_is_kept_beside_resets() -> None:
     motion, poses = drive(slice(80, 95))
     poses[80:95] = poses[80]
     poses[150:, 1, 3] += 500.0
     without, _ = without_stalls(RecordedMotion(motion.stamps_ns, poses[:, :3]))
-    found, count = without_leaps(without)
+    found, count = without_resets(without)
     assert count == 1
     assert found.is_interpolated(int(motion.stamps_ns[85]))

@@ -44,20 +44,20 @@ def as_contradicted(joint: System, pairs: int, poses: Array) -> System:
 
 
 def are_known_within(
-    joint: System, poses: Array, pairs: NDArray[np.int64], reach: float
+    system: System, poses: Array, pairs: NDArray[np.int64], reach: float
 ) -> NDArray[np.bool_]:
-    """(P,) of which pairs (P, 2) of nodes the edges alone show at `poses` (N, 3) how they lie.
+    """(P,) of which pairs (P, 2) of nodes the edges show at `poses` (N, 3) how they lie.
 
-    Three sigmas of the one's position in the other's frame are less than `reach` (m), the distance
-    within which points are associated. Beyond it they may be of other walls that look the same, as
+    The standard deviation of their relative position is less than `reach` (m), the distance within
+    which points are associated. Beyond it these may lie on other walls that look the same, as
     between equal doors of a corridor, and no later round would notice.
     """
-    anchored = believed_edges(joint, np.ones(len(joint.tails), np.bool_))
+    anchored = believed_edges(system, np.ones(len(system.tails), np.bool_))
     try:
         spread = relative_covariances(anchored, poses, *pairs.T)
     except NotPositiveDefiniteError:
         return np.ones(len(pairs), np.bool_)
-    return np.asarray(9.0 * np.linalg.eigvalsh(spread[:, :2, :2])[:, 1] < reach**2)
+    return np.asarray(np.linalg.eigvalsh(spread[:, :2, :2])[:, 1] < reach**2)
 
 
 def shape_covariances(scans: ScanSet, residual: float) -> Array:

@@ -9,13 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mapmyworld.alignment.joint_covariance import are_known_within
+from mapmyworld.backend.system import System
+from mapmyworld.config import OdometryConfig
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.places.stored_scans import BLOCK
+from mapmyworld.registration.scan_matching import FINE
 
 Index = NDArray[np.int64]
 _IN_TIME = (1, 2, 4, 8)  # scans ahead that each scan is compared with
-GAP = _IN_TIME[-1] + 1
-"""Scans between two that are of different visits."""
+_GAP = _IN_TIME[-1] + 1  # scans between two that are of different visits
 _SAME_PLACE, _SAME_HEADING = 0.5, 0.5  # m and rad within which a place is visited again
 _AROUND = tuple(itertools.product((-1, 0, 1), repeat=2))
 
@@ -30,14 +34,54 @@ def among_first_revisits(poses: NDArray[np.float64], revisits: int) -> NDArray[n
     first = np.zeros(len(poses), np.bool_)
     for k, (column, row) in enumerate(cells):
         around = np.array(sorted(i for c, r in _AROUND for i in taken[column + c, row + r]), int)
-        around = around[around <= k - GAP]
+        around = around[around <= k - _GAP]
         apart = np.hypot(*(poses[around, :2] - poses[k, :2]).T)
         turn = np.abs(wrap_angle(poses[around, 2] - poses[k, 2]))
         before = around[(apart < _SAME_PLACE) & (turn < _SAME_HEADING)]
-        first[k] = np.count_nonzero(np.diff(before, prepend=-GAP - 1) > GAP) < revisits
+        first[k] = np.count_nonzero(np.diff(before, prepend=-_GAP - 1) > _GAP) < revisits
         if first[k]:
             taken[column, row].append(k)
     return first
+
+
+class ComparedScans:
+    """Which scans are compared: those of one visit, and of two where edges show how these lie."""
+
+    def __init__(
+        self, session: Index, held: NDArray[np.bool_], system: System, start: Array,
+        settings: OdometryConfig,
+    ) -> None:  # fmt: skip
+        """Of scans that are in a `session` (S,) each, and of which those `held` (S,) stay.
+
+        They are the first nodes of the `system`, whose nodes are at `start` (N, 3).
+        """
+        self._session, self._held, self._settings = session, held, settings
+        self._system, self._start = system, start
+        steps = np.diff(start[: len(held), :2], axis=0)
+        self._path = np.append(0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))
+        self._known: dict[tuple[int, int], bool] = {}
+
+    def pairs_at(self, poses: Array) -> Index:
+        """(P, 2) of the scans, which are at the first of `poses` (N, 3)."""
+        radius, held = self._settings.refine_radius, self._held
+        pairs = neighbour_pairs(
+            poses[: len(held)], radius, self._settings.refine_revisits,
+            among=held if held.any() else None,
+        )  # fmt: skip
+        together = self._session[pairs[:, 0]] == self._session[pairs[:, 1]]
+        pairs = pairs[~held[pairs].all(axis=1) & together]
+        # Whoever left the circle about a scan and came back drove across it.
+        again = self._path[pairs[:, 1]] - self._path[pairs[:, 0]] >= 2.0 * radius
+        again[again] = ~self._are_known(pairs[again])
+        return np.asarray(pairs[~again])
+
+    def _are_known(self, pairs: Index) -> NDArray[np.bool_]:
+        asked = [(a, b) for a, b in pairs.tolist()]
+        new = [pair for pair in asked if pair not in self._known]
+        if new:
+            found = are_known_within(self._system, self._start, np.array(new), FINE[0])
+            self._known.update(zip(new, found.tolist(), strict=True))
+        return np.array([self._known[pair] for pair in asked], np.bool_)
 
 
 def neighbour_pairs(
@@ -61,7 +105,7 @@ def neighbour_pairs(
         block = cKDTree(poses[start : start + BLOCK, :2])
         near = block.sparse_distance_matrix(tree, radius, output_type="ndarray")
         scans, others = near["i"] + start, asked[near["j"]]
-        apart = np.abs(others - scans) >= GAP
+        apart = np.abs(others - scans) >= _GAP
         keys = np.sort(scans[apart] * count + others[apart])
         found.append(_nearest_of_revisits(poses, keys // count, keys % count, revisits))
     low, high = np.sort(np.concatenate(found), axis=1).T
@@ -76,7 +120,7 @@ def _nearest_of_revisits(
     x, y, turn = (column[others] - column[scans] for column in np.ascontiguousarray(poses.T))
     cost = np.hypot(x, y) + np.abs(wrap_angle(turn))  # a radian as a metre
     anew = np.diff(scans, prepend=-1) != 0
-    anew |= np.diff(others, prepend=0) > GAP
+    anew |= np.diff(others, prepend=0) > _GAP
     best = _least_of_runs(cost, anew)
     best = best[np.lexsort((cost[best], scans[best]))]
     first = np.searchsorted(scans[best], scans[best], side="left")

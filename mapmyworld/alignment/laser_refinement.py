@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.alignment.joint_alignment import align_in_rounds
 from mapmyworld.alignment.joint_covariance import (
-    are_known_within,
     as_contradicted,
     carried,
     of_anchors,
@@ -24,7 +23,7 @@ from mapmyworld.alignment.joint_system import (
     joint_system,
     step_covariances,
 )
-from mapmyworld.alignment.laser_pairs import GAP, among_first_revisits, neighbour_pairs
+from mapmyworld.alignment.laser_pairs import ComparedScans, among_first_revisits
 from mapmyworld.backend.block_matrix import diagonals
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array
@@ -192,31 +191,21 @@ def _rounds(
 ) -> _Aligned:
     """The scans aligned with each other; where some are held, with these."""
     settings, config = task.config.odometry, task.config
-    session, count = task.session[task.chosen], len(poses)
+    count = len(poses)
     stays = np.append(held, np.zeros(len(landmarks), np.bool_))
     system, start = joint_system(
         task.nodes, task.chosen, task.constraints, task.statements,
         np.concatenate([poses, landmarks]), stays,
     )  # fmt: skip
-    among = held if held.any() else None
-
-    def pairs_at(poses: Array) -> Index:
-        radius, revisits = settings.refine_radius, settings.refine_revisits
-        pairs = neighbour_pairs(poses[:count], radius, revisits, among=among)
-        together = session[pairs[:, 0]] == session[pairs[:, 1]]
-        pairs = np.asarray(pairs[~held[pairs].all(axis=1) & together])
-        later = np.flatnonzero(pairs[:, 1] - pairs[:, 0] >= GAP)
-        are_known = are_known_within(system, start, pairs[later], FINE[0])
-        return np.asarray(np.delete(pairs, later[~are_known], axis=0))
-
-    found = align_in_rounds(task.scans, system, start, pairs_at, config, progress)
+    compared = ComparedScans(task.session[task.chosen], held, system, start, settings)
+    found = align_in_rounds(task.scans, system, start, compared.pairs_at, config, progress)
     every, residual = found.poses, found.residual
     own = shape_covariances(task.scans, residual)
     known = np.median(own.diagonal(0, 1, 2), axis=0)
     own += diagonals(sweep_variances(task.nodes, task.frames, known, settings)[task.chosen])
     spread = marginal_covariances(as_contradicted(found.joint, found.pairs, every), every)
     anchors = np.zeros(0, np.int64)
-    if spread is not None and among is None:
+    if spread is not None and not held.any():
         spread = spread + of_anchors(found.joint, own, every)
         anchors = np.flatnonzero(found.joint.free[:count] < 0)
     spread = None if spread is None else spread[:-1]

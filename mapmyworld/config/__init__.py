@@ -55,7 +55,7 @@ class OdometryConfig:
     """Settings of tracking by laser, and of aligning all scans in the end."""
 
     keyframe_distance: FromZero = 0.15  # m of motion after which a scan or image is a keyframe
-    keyframe_angle: FromZero = 0.2  # rad of rotation after which a scan or image is a keyframe
+    keyframe_angle: Positive = 0.2  # rad of rotation after which a scan or image is a keyframe
     relative_noise: Positive = 0.2  # m per m and rad per rad, noise of recorded motion at first
     absolute_noise: Positive = 0.02  # m, and half as many rad, noise of any recorded motion
     contradiction: Positive = 4.0  # sigmas between odometry and match at which odometry is ignored

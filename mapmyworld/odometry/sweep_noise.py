@@ -20,7 +20,6 @@ from mapmyworld.kernels.wheel_model import MOVES
 from mapmyworld.types import Node, TrackedFrames
 
 Index = NDArray[np.int64]
-_SMALLEST = 1e-9  # rad: of a setting of 0, by which every turn makes a keyframe
 SIGMAS_PER_MEDIAN = 1.4826
 """Standard deviations of a normal distribution in a median of absolute deviations."""
 
@@ -39,7 +38,7 @@ def sweep_variances(
     step = between_planar(poses[:-1], poses[1:])
     step[:, 2] = wrap_angle(step[:, 2])
     longest = config.keyframe_distance
-    turned = np.abs(step[:, 2]) * longest / max(config.keyframe_angle, _SMALLEST)
+    turned = np.abs(step[:, 2]) * longest / config.keyframe_angle
     lengths = np.hypot(step[:, 0], step[:, 1]) + turned
     around = 0.5 * (np.append(lengths, lengths[-1:]) + np.insert(lengths, 0, lengths[:1]))
     moved = np.zeros(len(nodes))

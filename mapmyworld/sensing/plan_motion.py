@@ -11,7 +11,7 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.plan import Draft, ImuSource, OdometrySource, ScanSource
 from mapmyworld.sensing.plan_base import BASES, ODOMS, WORLDS
-from mapmyworld.sensing.stalls import without_leaps, without_stalls
+from mapmyworld.sensing.stalls import without_resets, without_stalls
 from mapmyworld.sensing.transforms import frame_name, is_called
 from mapmyworld.types import ImuMessage, MessageKind
 
@@ -54,11 +54,11 @@ def choose_odometry(draft: Draft, base: str) -> OdometrySource | None:
             f"{best.name} repeats a pose and then catches up in one step, {stalls} times: "
             "interpolated"
         )
-    motion, leaps = without_leaps(motion)
-    if leaps:
+    motion, resets = without_resets(motion)
+    if resets:
         draft.warnings.append(
-            f"{best.name} leaps farther than the robot goes, {leaps} times: continued from the "
-            "pose before; was its driver started again?"
+            f"{best.name} jumps farther than the robot can drive, {resets} times, as if it were "
+            "reset: continued from the pose before each jump"
         )
     return replace(best, motion=motion)
 

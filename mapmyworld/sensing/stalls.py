@@ -1,4 +1,4 @@
-"""Odometry that stands still and then catches up in one step, or begins anew elsewhere."""
+"""Odometry that stands still and then catches up in one step, or is reset."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mapmyworld.sensing.motion import RecordedMotion
 
 _FASTEST = 0.99  # quantile of the log's own speeds beyond which a step is none of the robot's
 _FEWEST = 50  # steps from which speeds are known
-_LEAP = 5.0, 10.0  # m, and times its own speed, that no robot goes from one pose to the next
+_RESET = 5.0, 10.0  # m, and times its own speed, that no robot goes from one pose to the next
 
 
 def without_stalls(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
@@ -52,11 +52,11 @@ def without_stalls(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
     return motion.with_poses(poses, interpolated), len(jumps)
 
 
-def without_leaps(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
-    """The motion without its leaps, and how many there were.
+def without_resets(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
+    """The motion without its resets, and how many there were.
 
-    A driver that is started again begins at the origin, a filter is corrected: the poses after a
-    leap continue from the pose before it, as if the robot had stood meanwhile.
+    A driver that is started again begins at the origin, a filter is corrected: the poses after
+    that continue from the pose before it, as if the robot had stood meanwhile.
     """
     if len(motion) < _FEWEST or not motion.is_sorted:
         return motion, 0
@@ -67,13 +67,13 @@ def without_leaps(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
     if np.count_nonzero(usual) < _FEWEST:
         return motion, 0
     fastest = np.quantile(speeds[usual], _FASTEST)
-    leaps = np.flatnonzero((metres > _LEAP[0]) & (speeds > _LEAP[1] * fastest)) + 1
-    if not len(leaps):
+    resets = np.flatnonzero((metres > _RESET[0]) & (speeds > _RESET[1] * fastest)) + 1
+    if not len(resets):
         return motion, 0
     continued, before_from_after = poses.copy(), np.eye(4)
-    for leap, end in pairwise([*leaps.tolist(), len(poses)]):
-        before_from_after = before_from_after @ poses[leap - 1] @ invert(poses[leap])
-        continued[leap:end] = before_from_after @ poses[leap:end]
+    for reset, end in pairwise([*resets.tolist(), len(poses)]):
+        before_from_after = before_from_after @ poses[reset - 1] @ invert(poses[reset])
+        continued[reset:end] = before_from_after @ poses[reset:end]
     interpolated = np.zeros(len(poses), np.bool_)
-    interpolated[leaps] = True
-    return motion.with_poses(continued, interpolated), len(leaps)
+    interpolated[resets] = True
+    return motion.with_poses(continued, interpolated), len(resets)

@@ -56,7 +56,6 @@ class KnownImages:
                     solved.append(pose)
         self.ids = np.array(ids, np.int64)
         self.map_from_node = np.array(solved).reshape(-1, 4, 4)
-        self._words = kept
         size = self._vocabulary.size if self._vocabulary is not None else 0
         self._idf = inverse_frequencies(kept, size)
         self._vectors = weigh_words(kept, size) if kept else scipy.sparse.csr_matrix((0, 1))

@@ -27,6 +27,7 @@ from mapmyworld.places.laser_submaps import submap_members
 from mapmyworld.places.path_drift import PathDrift, stated_variances
 from mapmyworld.places.wide_search import held_by, lost_pairs
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
+from mapmyworld.registration.scan_search import POINTS
 from mapmyworld.types import ConstraintKind, ImageMatch, Judged, ScanMatch, Why
 from mapmyworld.types.wording import reason_of
 
@@ -67,7 +68,7 @@ def closures(
     variances = drifting(len(believed), at=98, metres=0.3, radians=0.02)
     nodes = laser_nodes(np.arange(len(believed), dtype=np.int64), scans, believed, variances)
     pairs = candidate_pairs(nodes, CONFIG, optimised=optimised)
-    return compare_places(nodes, pairs, replace(CONFIG, threads=threads), optimised=optimised)
+    return compare_places(nodes, pairs, replace(CONFIG, threads=threads))
 
 
 def test_drift_is_found_and_measured() -> None:
@@ -118,7 +119,7 @@ def second_drive_along_it(
     nodes = replace(nodes, path=nodes.path + 150.0 * (np.arange(len(truth)) >= 81))
     nodes = held_by(nodes, [])
     pairs = candidate_pairs(nodes, CONFIG, optimised=False)
-    return truth, compare_places(nodes, pairs, CONFIG, optimised=False)
+    return truth, compare_places(nodes, pairs, CONFIG)
 
 
 def test_one_of_many_equal_doors_is_not_taken_for_another() -> None:
@@ -136,6 +137,31 @@ def test_a_place_like_no_other_is_recognised_between_equal_doors() -> None:
         apart = between_planar(truth[c.from_id], truth[c.to_id])
         error = between_planar(apart, matrix_to_planar(c.i_from_j))
         assert np.hypot(*error[:2]) < 0.05
+
+
+def test_what_lies_farther_along_the_corridor_tells_equal_doors_apart() -> None:
+    """Places at its begin show equal doors alone, and what is 15 m ahead only longer submaps."""
+    cupboard = [[12.0, -1.0, 12.0, 0.3], [12.0, 0.3, 13.0, 0.3], [13.0, 0.3, 13.0, -1.0]]
+    truth, tried = second_drive_along_it(corridor_with_doors(*cupboard))
+    began = [c for c in tried if truth[c.to_id, 0] < -3.0 and c.to_id >= 81 > c.from_id]
+    evidence = [c.source.evidence for c in began if isinstance(c.source, ScanMatch) and c.accepted]
+    assert evidence
+    assert min(evidence) > 2.0 * POINTS  # more than ordinary ones have
+    for c in began:
+        apart = between_planar(truth[c.from_id], truth[c.to_id])
+        error = between_planar(apart, matrix_to_planar(c.i_from_j))
+        assert not c.accepted or np.hypot(*error[:2]) < 0.05
+
+
+def test_longer_submaps_are_as_certain_as_the_motions_within_them() -> None:
+    poses = np.stack([np.arange(41.0), np.zeros(41), np.zeros(41)], axis=-1)
+    path = PathDrift(np.arange(41.0), poses, drifting(41))
+    moved, _, turned = path.within([(20, np.array([10, 20, 30]))]).diagonal()
+    assert turned == pytest.approx(0.002**2 * 20.0 / 3.0)
+    swung = 0.002**2 * sum(k * k for k in range(10))  # ahead; behind, each by one metre more
+    assert 2.0 * moved == pytest.approx((20.0 * 0.01**2 + 2.0 * swung + 0.002**2 * 100.0) / 3.0)
+    twice = path.within([(20, np.array([10, 20, 30]))] * 2)
+    np.testing.assert_allclose(twice.diagonal(), 2.0 * np.array([moved, moved, turned]))
 
 
 @pytest.mark.parametrize("optimised", [False, True])
@@ -187,7 +213,7 @@ def test_a_drive_that_comes_back_after_500_m_of_drift_is_closed() -> None:
     nodes = held_by(nodes, [])
     pairs = lost_pairs(nodes, CONFIG)
     assert pairs
-    tried = compare_places(nodes, pairs, CONFIG, optimised=False, widest=EVERYWHERE)
+    tried = compare_places(nodes, pairs, CONFIG, EVERYWHERE)
     solved = solve(nodes.ids, planar_to_matrix(believed), [*drive(believed), *tried], True)
     error = between_planar(truth, matrix_to_planar(solved.poses.map_from_node))[98:]
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.05
@@ -237,7 +263,7 @@ def test_chance_grows_with_the_places_that_are_looked_at_and_not_with_the_reach(
     for metres in (30.0, 300.0):
         variances = drifting(len(truth), at=98, metres=metres, radians=0.1)
         nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, truth, variances)
-        (found,) = compare_places(nodes, [(20, 118)], CONFIG, optimised=False, widest=EVERYWHERE)
+        (found,) = compare_places(nodes, [(20, 118)], CONFIG, EVERYWHERE)
         assert found.accepted
         limits.append(found.verdicts[-1].numbers["limit"])
     assert limits[0] == limits[1]

@@ -284,7 +284,7 @@ def test_a_blind_node_stands_for_no_place_and_an_empty_submap_closes_nothing() -
     assert len(spots)
     assert spots.min() >= 30
     blind = replace(nodes, scans=scan_set([prepare_scan(NOTHING, CONFIG.registration)] * 82))
-    tried = compare_places(blind, [(0, 60), (5, 81)], CONFIG, optimised=False)
+    tried = compare_places(blind, [(0, 60), (5, 81)], CONFIG)
     assert [c.accepted for c in tried] == [False, False]
 
 

@@ -23,12 +23,13 @@ from mapmyworld.places.laser_candidates import (
     EVERYWHERE,
     FIRST_WINDOW,
     MOST,
+    Pairs,
     candidate_pairs,
     drift_window,
     untied,
 )
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
-from mapmyworld.places.laser_submaps import match_submaps, place_around
+from mapmyworld.places.laser_submaps import match_submaps, place_around, submap_members
 from mapmyworld.places.perceptual_aliasing import reject_aliases
 from mapmyworld.places.wide_search import held_by, lost_pairs
 from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
@@ -53,6 +54,8 @@ from mapmyworld.types import (
 
 Index = NDArray[np.int64]
 _KEPT = 16  # places, for neighbours are compared with the same ones
+_LONGER = 4  # times as long: submaps for what ordinary ones leave open
+_OPEN = Why.AMBIGUOUS_POSE, Why.AMBIGUOUS_PLACE, Why.DEGENERATE
 _AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two maps may differ by
 
 
@@ -75,7 +78,7 @@ def first_closures(
         nodes = held_by(nodes, known)
     pairs = candidate_pairs(nodes, config, optimised=False, first=span[0])
     progress.stage("loop closures by laser", len(pairs), "pairs")
-    return compare_places(nodes, pairs, config, optimised=False)
+    return compare_places(nodes, pairs, config)
 
 
 def find_laser_closures(
@@ -105,7 +108,9 @@ def find_laser_closures(
     nodes = held_by(nodes, tied)
     pairs = untried(untied(nodes, candidate_pairs(nodes, config, optimised=True), tied, config))
     progress.stage("loop closures by laser", len(pairs), "pairs")
-    found = compare_places(nodes, pairs, config, optimised=True)
+    found = [
+        replace(c, kind=ConstraintKind.PROXIMITY) for c in compare_places(nodes, pairs, config)
+    ]
     for may_be_fault in (False, True):
         wide = held_by(nodes, [*tied, *found])
         if may_be_fault:
@@ -113,53 +118,57 @@ def find_laser_closures(
         known |= {(c.from_id, c.to_id) for c in found}
         lost = untried(lost_pairs(wide, config))
         progress.stage("loop closures by laser", len(lost), "pairs")
-        found += compare_places(wide, lost, config, optimised=False, widest=EVERYWHERE)
+        found += compare_places(wide, lost, config, EVERYWHERE)
     return found
 
 
 def compare_places(
-    nodes: LaserNodes,
-    pairs: list[tuple[int, int]],
-    config: Config,
-    *,
-    optimised: bool,
-    widest: float = FIRST_WINDOW,
+    nodes: LaserNodes, pairs: Pairs, config: Config, widest: float = FIRST_WINDOW
 ) -> list[Judged]:
-    """Each pair's constraint, accepted or not, in the order of the pairs.
+    """Each pair's closure, accepted or not, in the order of the pairs.
 
-    From optimised poses the search is small, else as far as drift goes, `widest` metres at most.
+    The search goes as far as the drift, `widest` metres at most. What is ambiguous or degenerate is
+    compared once more, with longer submaps: equal doors follow each other in equal distances for a
+    while, seldom for a whole corridor.
     """
+    found = _compare_all(nodes, pairs, config, widest, 1)
+    unclear = [k for k, c in enumerate(found) if c.verdicts[-1].why in _OPEN]
+    again = _compare_all(nodes, [pairs[k] for k in unclear], config, widest, _LONGER)
+    for k, closure in zip(unclear, again, strict=True):
+        if closure.accepted:
+            found[k] = closure
+    return found
+
+
+def _compare_all(
+    nodes: LaserNodes, pairs: Pairs, config: Config, widest: float, size: int
+) -> list[Judged]:
+    """The same with submaps of one size, `size` times as long as ordinary ones."""
     by_target: dict[int, list[int]] = {}
     for k, (a, _) in enumerate(pairs):
         by_target.setdefault(a, []).append(k)
 
     @functools.lru_cache(maxsize=_KEPT)
     def around(b: int) -> Place:
-        return place_around(nodes, b, config)
+        return place_around(nodes, b, config, size)
 
     def compare(target: tuple[int, list[int]]) -> list[Judged]:
         a, rows = target
-        place = place_around(nodes, a, config)  # large: one a thread is held
+        place = place_around(nodes, a, config, size)  # large: one a thread is held
         others = [pairs[k][1] for k in rows]
-        return [_compare(nodes, place, a, b, around(b), config, optimised, widest) for b in others]
+        return [_compare(nodes, place, a, b, around(b), config, widest) for b in others]
 
     found = in_threads(compare, by_target.items(), config.threads)
     places = [k for rows in by_target.values() for k in rows]
     by_place = dict(zip(places, (c for some in found for c in some), strict=True))
     closures = [by_place[k] for k in range(len(pairs))]
-    return reject_aliases(nodes, pairs, closures, around, config)
+    return reject_aliases(nodes, pairs, closures, around, config, size)
 
 
 def _compare(
-    nodes: LaserNodes,
-    place: Place,
-    a: int,
-    b: int,
-    around: Place,
-    config: Config,
-    optimised: bool,
-    widest: float,
+    nodes: LaserNodes, place: Place, a: int, b: int, around: Place, config: Config, widest: float
 ) -> Judged:
+    size, margin = place.submap.size, place.submap.margin
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     distance, angle = drift_window(nodes, a, b, widest)
     searched, centre = distance, guess
@@ -168,12 +177,18 @@ def _compare(
         searched = min(searched, np.sqrt(MOST) * distance)
     needed = needed_evidence(searched, angle)
     found = search_evidence(
-        around.submap.scored, place.grid, centre, distance, angle, FORTH * needed
+        around.submap.scored,
+        place.grid,
+        centre,
+        distance,
+        angle,
+        FORTH * needed,
+        MARGIN if size == 1 else np.inf,
     )
     if found is None:
         verdict = Verdict(Judge.LASER, False, Why.NOTHING_IN_COMMON)
-        return _constraint(nodes, a, b, optimised, guess, np.eye(3), ScanMatch(), verdict)
-    match = match_submaps(nodes, a, b, found.pose, config)
+        return _constraint(nodes, a, b, guess, np.eye(3), ScanMatch(), verdict)
+    match = match_submaps(nodes, a, b, found.pose, config, size)
     moved = between_planar(guess, match.pose)
     agreement = place.agreement_with(around, match.pose)
     second_best = (
@@ -187,18 +202,25 @@ def _compare(
         float(found.score), float(match.overlap), float(match.residual),
         float(np.hypot(*moved[:2])),
     )  # fmt: skip
-    verdict = _verdict(source, found, match, needed)
-    information = closure_information(match) if verdict.accepted else np.eye(3)
-    return _constraint(nodes, a, b, optimised, match.pose, information, source, verdict)
+    verdict = _verdict(source, found, match, needed, margin)
+    information = np.eye(3)
+    if verdict.accepted:
+        information = closure_information(match)
+        if size > 1:
+            sections = [(k, submap_members(nodes, k, config, size)) for k in (a, b)]
+            information = _of_longer(information, nodes.drift.within(sections), size)
+    return _constraint(nodes, a, b, match.pose, information, source, verdict)
 
 
-def _verdict(source: ScanMatch, found: Found, match: Match, needed: float) -> Verdict:
+def _verdict(
+    source: ScanMatch, found: Found, match: Match, needed: float, margin: float
+) -> Verdict:
     slipped = between_planar(found.pose, match.pose)
     metres, radians = float(np.hypot(*slipped[:2])), abs(float(slipped[2]))
     numbers = {"evidence": source.evidence, "limit": needed}
     if source.evidence < needed:
         return Verdict(Judge.LASER, False, Why.LITTLE_EVIDENCE, numbers)
-    if source.beyond < MARGIN:
+    if source.beyond < margin:
         numbers = {
             "second_best": source.second_best,
             "evidence": source.evidence,
@@ -215,13 +237,13 @@ def _verdict(source: ScanMatch, found: Found, match: Match, needed: float) -> Ve
 
 
 def _constraint(
-    nodes: LaserNodes, a: int, b: int, optimised: bool, pose: Array, information: Array,
-    source: ScanMatch, verdict: Verdict,
+    nodes: LaserNodes, a: int, b: int, pose: Array, information: Array, source: ScanMatch,
+    verdict: Verdict,
 ) -> Judged:  # fmt: skip
     return Judged(
         from_id=int(nodes.ids[a]),
         to_id=int(nodes.ids[b]),
-        kind=ConstraintKind.PROXIMITY if optimised else ConstraintKind.LOOP_CLOSURE,
+        kind=ConstraintKind.LOOP_CLOSURE,
         i_from_j=planar_to_matrix(pose),
         information=information_from_planar(information),
         source=source,
@@ -232,3 +254,11 @@ def _constraint(
 def closure_information(match: Match) -> Array:
     """(3, 3): nothing is known better than the maps of the two places agree in themselves."""
     return np.asarray(np.linalg.inv(np.linalg.inv(match.information) + _AGREEMENT))
+
+
+def _of_longer(information: Array, motions: Array, size: int) -> Array:
+    """(3, 3) of what submaps `size` times as long measured, that of its scans being (3, 3).
+
+    What `motions` (3, 3) within them err by comes on top, and so many more closures share a scan.
+    """
+    return np.asarray(np.linalg.inv(size * (np.linalg.inv(information) + motions)))

@@ -18,41 +18,41 @@ Index = NDArray[np.int64]
 _NO_PRIOR = np.diag([1e-3, 1e-3, 1e-3])
 
 
-def submap_members(nodes: LaserNodes, middle: int, config: Config) -> Index:
-    """(K,) nodes around one along the path, at most nine."""
-    half, path = config.places.laser_submap, nodes.path
+def submap_members(nodes: LaserNodes, middle: int, config: Config, size: int = 1) -> Index:
+    """(K,) nodes around one along the path, at most nine; of `size` times as long a section."""
+    half, path, count = size * config.places.laser_submap, nodes.path, 4 * size
     first = int(np.searchsorted(path, path[middle] - half))
     last = int(np.searchsorted(path, path[middle] + half, side="right")) - 1
-    before = {first + k * (middle - first) // 4 for k in range(5)}
-    after = {middle + k * (last - middle) // 4 for k in range(5)}
+    before = {first + k * (middle - first) // count for k in range(count + 1)}
+    after = {middle + k * (last - middle) // count for k in range(count + 1)}
     return np.array(sorted(before | after), np.int64)
 
 
-def submap_around(nodes: LaserNodes, middle: int, config: Config) -> Submap:
-    """The submap around a node, in that node's frame."""
-    return submap_of(nodes, submap_members(nodes, middle, config), middle)
-
-
-def submap_of(nodes: LaserNodes, members: Index, origin: int) -> Submap:
+def submap_of(nodes: LaserNodes, members: Index, origin: int, size: int = 1) -> Submap:
     """The submap of some nodes (K,), in the frame of the node `origin`."""
     poses = between_planar(nodes.poses[origin], nodes.poses[members])
-    return Submap.of(nodes.scans.some(members), poses)
+    return Submap.of(nodes.scans.some(members), poses, size)
 
 
-def place_around(nodes: LaserNodes, middle: int, config: Config) -> Place:
-    """The place around a node."""
-    return Place.of(submap_around(nodes, middle, config))
+def place_around(nodes: LaserNodes, middle: int, config: Config, size: int = 1) -> Place:
+    """The place around a node, `size` times as long as others."""
+    return Place.of(submap_of(nodes, submap_members(nodes, middle, config, size), middle, size))
 
 
-def match_submaps(nodes: LaserNodes, a: int, b: int, guess: Array, config: Config) -> Match:
-    """The scans around b, as one, aligned with those around a, from `guess` (3,) of a_from_b."""
-    targets, members = submap_members(nodes, a, config), submap_members(nodes, b, config)
-    return match_members(nodes, (a, targets), (b, members), guess, config)
+def match_submaps(
+    nodes: LaserNodes, a: int, b: int, guess: Array, config: Config, size: int = 1
+) -> Match:
+    """The scans around b, as one, aligned with those around a, from `guess` (3,) of a_from_b.
+
+    Both `size` times as long as others.
+    """
+    targets, members = (submap_members(nodes, k, config, size) for k in (a, b))
+    return match_members(nodes, (a, targets), (b, members), guess, config, 2 * size)
 
 
 def match_members(
     nodes: LaserNodes, target: tuple[int, Index], other: tuple[int, Index], guess: Array,
-    config: Config,
+    config: Config, step: int = 2,
 ) -> Match:  # fmt: skip
     """Scans of some nodes, as one, aligned with those of others.
 
@@ -61,17 +61,17 @@ def match_members(
     """
     (a, targets), (b, members) = target, other
     return match_scan(
-        _joined(nodes, b, members), nodes.scans.some(targets),
+        _joined(nodes, b, members, step), nodes.scans.some(targets),
         np.arange(len(targets)), between_planar(nodes.poses[a], nodes.poses[targets]), guess,
         config.registration, prior=guess, prior_information=_NO_PRIOR,
         max_distances=np.concatenate([[0.4, 0.3], FINE]),
     )  # fmt: skip
 
 
-def _joined(nodes: LaserNodes, b: int, members: Index) -> PreparedScan:
+def _joined(nodes: LaserNodes, b: int, members: Index, step: int) -> PreparedScan:
     """Some of the members' points, in b's frame; their bearings serve no search."""
     scans = nodes.scans.some(members)
-    rows, of = rows_of(scans, 2)
+    rows, of = rows_of(scans, step)
     b_from_m = between_planar(nodes.poses[b], nodes.poses[members])
     c, s = np.cos(b_from_m[:, 2])[of], np.sin(b_from_m[:, 2])[of]
     x, y, nx, ny = rows[:, :4].T.astype(np.float64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +88,20 @@ class PathDrift:
         if b not in self._moved_from:
             self._moved_from[b] = self._ways.costs(moved, b)
         return SIGMAS * np.sqrt(self._ways.least(moved, self._moved_from[b], a, b))
+
+    def within(self, sections: Iterable[tuple[int, Index]]) -> Array:
+        """(3, 3) covariance by which nodes lie off from what sections of the path about them show,
+        all added: of each section its middle and its nodes (K,).
+
+        Any part of a section may be the one that shows it.
+        """
+        moved = turned = 0.0
+        for middle, nodes in sections:
+            up_to = self._all_moved_up_to(middle)
+            moved += float(np.abs(up_to[nodes] - up_to[middle]).mean())
+            up_to = self._turned_up_to
+            turned += float(np.abs(up_to[nodes] - up_to[middle]).mean())
+        return np.diag([0.5 * moved, 0.5 * moved, turned])
 
     def _all_moved_up_to(self, b: int) -> Array:
         """(N,) m^2 by which all motions up to each node move node b."""

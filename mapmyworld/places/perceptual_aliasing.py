@@ -27,14 +27,18 @@ Around = Callable[[int], Place]
 
 
 def reject_aliases(
-    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], around: Around, config: Config
-) -> list[Judged]:
-    """The closures of these pairs, those rejected for which another place scores as well."""
-    wanted = _places_to_look_at(nodes, pairs, closures, config)
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], around: Around, config: Config,
+    size: int,
+) -> list[Judged]:  # fmt: skip
+    """The closures of these pairs, those rejected for which another place scores as well.
+
+    Places are `size` times as long as others.
+    """
+    wanted = _places_to_look_at(nodes, pairs, closures, config, size)
 
     def look(at: tuple[int, list[int]]) -> list[tuple[int, float]]:
         spot, which = at
-        place = place_around(nodes, spot, config)
+        place = place_around(nodes, spot, config, size)
         return [(k, _second_best(nodes, place, spot, pairs[k], around, closures[k])) for k in which]
 
     second_bests = [0.0] * len(closures)
@@ -48,11 +52,12 @@ def reject_aliases(
 
 
 def _places_to_look_at(
-    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config, size: int
 ) -> dict[int, list[int]]:
     """Place along the path -> closures that it may second best."""
     places, path = config.places, nodes.path
-    spots, itself = spaced(path, places.laser_submap), 2.0 * places.laser_submap
+    spots = spaced(path, size * places.laser_submap)
+    itself = 2.0 * places.laser_submap
     found: dict[int, list[int]] = {}
     for k, (a, b) in enumerate(pairs):
         if closures[k].accepted:
@@ -81,15 +86,16 @@ def _second_best(
     needed = needed_evidence(distance, angle)
     points = there.submap.scored
     other = evidence_elsewhere(
-        points, place.grid, here, distance, angle, FORTH * needed, _measured(closure).score
-    )
+        points, place.grid, here, distance, angle, FORTH * needed, _measured(closure).score,
+        MARGIN if place.submap.size == 1 else np.inf,
+    )  # fmt: skip
     if other is None:
         return 0.0
     second_best = place.agreement_with(there, other)
     if second_best.evidence < needed:
         return 0.0
     agreement = around(a).agreement_with(there, matrix_to_planar(closure.i_from_j))
-    return second_best.evidence if agreement.beyond(second_best) < MARGIN else 0.0
+    return second_best.evidence if agreement.beyond(second_best) < place.submap.margin else 0.0
 
 
 def _doubted(closure: Judged, second_best: float) -> Judged:

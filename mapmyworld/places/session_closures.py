@@ -13,7 +13,7 @@ from mapmyworld.places.laser_candidates import NEAR
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import LaserNodes
 from mapmyworld.places.session_joining import LossPrior, SessionPlaces, locate_session
-from mapmyworld.types import Constraint, ConstraintKind, Judged, Progress
+from mapmyworld.types import Constraint, Judged, Progress
 
 Pair = tuple[int, int, int, int]
 """First row and number of nodes of an earlier session, and of a later one."""
@@ -79,9 +79,7 @@ def closures_between(
     nodes: LaserNodes, earlier: SessionPlaces, later: SessionPlaces, config: Config
 ) -> list[Judged]:
     """Places of two sessions that lie near each other at these nodes' poses, compared."""
-    pairs = _near_pairs(nodes, earlier, later)
-    found = compare_places(nodes, pairs, config, optimised=True)
-    return [replace(c, kind=ConstraintKind.LOOP_CLOSURE) for c in found]
+    return compare_places(nodes, _near_pairs(nodes, earlier, later), config)
 
 
 def _near_pairs(

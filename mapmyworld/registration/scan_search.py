@@ -91,17 +91,27 @@ class Submap:
     """(S, 2) where each scan's lidar was."""
     bounds: NDArray[np.int64]
     """(S + 1,) where each scan's points begin; the last one ends at N."""
+    size: int = 1
+    """Times as long as others."""
 
     @staticmethod
-    def of(scans: ScanSet, poses: Array) -> Submap:
+    def of(scans: ScanSet, poses: Array, size: int = 1) -> Submap:
         """What scans saw together at their `poses` (S, 3)."""
         origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
-        return Submap(submap_points(scans, poses), origins, scans.bounds)
+        return Submap(submap_points(scans, poses), origins, scans.bounds, size)
 
     @cached_property
     def scored(self) -> Array:
         """(P, 2) of the points, which stand for all wherever they are laid on a grid."""
-        return scored_points(self.points)
+        return scored_points(self.points, self.size * POINTS)
+
+    @property
+    def margin(self) -> float:
+        """Evidence, in points, by which a pose must surpass others.
+
+        What the poses within a submap err by is common to its points: so many more count as one.
+        """
+        return self.size * MARGIN
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,11 +207,17 @@ def continue_walls(points: Array, walls: Array) -> NDArray[np.bool_]:
 
 
 def search_evidence(
-    points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float, least: float
+    points: Array,
+    grid: LikelihoodGrid,
+    guess: Array,
+    distance: float,
+    angle: float,
+    least: float,
+    margin: float = MARGIN,
 ) -> Found | None:
     """The best pose of points (N, 2) about `guess` (3,) in a grid of evidence; None below `least`.
 
-    `least` and what a second best may be behind are evidence, in points.
+    `least` and the `margin` that a second best may be behind are evidence, in points.
     """
     if len(points) == 0:
         return None
@@ -212,21 +228,21 @@ def search_evidence(
     best_shift(*fixed, floor, _NOWHERE, best)
     if best[0] <= floor:
         return None
-    second_best = _best_elsewhere(fixed, best[1:], max(floor, best[0] - MARGIN * a_point))
+    second_best = _best_elsewhere(fixed, best[1:], max(floor, best[0] - margin * a_point))
     return Found(best[1:].copy(), float(best[0]), float(second_best[0]), second_best[1:].copy())
 
 
 def evidence_elsewhere(
     points: Array, grid: LikelihoodGrid, pose: Array, distance: float, angle: float, least: float,
-    score: float = 0.0,
+    score: float = 0.0, margin: float = MARGIN,
 ) -> Array | None:  # fmt: skip
     """The best pose (3,) of points (N, 2), of more evidence than `least`.
 
-    In a window of `distance` m and `angle` rad about `pose` (3,), but not at it; and of about as
-    much evidence as a pose has elsewhere with this `score`, if any.
+    In a window of `distance` m and `angle` rad about `pose` (3,), but not at it; and of as much
+    evidence, but for this `margin`, as a pose has elsewhere with this `score`, if any.
     """
     window = _window(points, grid, pose, distance, angle)
-    least = max(least, (2.0 * score - 1.0) * len(window[2]) - MARGIN)
+    least = max(least, (2.0 * score - 1.0) * len(window[2]) - margin)
     return _best_of(window, np.array([*pose, *APART]), least)
 
 
@@ -309,12 +325,12 @@ def _best_elsewhere(window: Window, pose: Array, least: float) -> Array:
     return best if best[0] > least else np.zeros(4)
 
 
-def scored_points(points: Array) -> Array:
-    """Of points (N, 2) one to a cell, so that what was seen twice counts once, (P, 2); `POINTS` at
+def scored_points(points: Array, most: int = POINTS) -> Array:
+    """Of points (N, 2) one to a cell, so that what was seen twice counts once, (P, 2); so many at
     most.
     """
     apart = spread_points(points, _RESOLUTION)
-    few = np.linspace(0, len(apart) - 1, min(POINTS, len(apart))).astype(np.int64)
+    few = np.linspace(0, len(apart) - 1, min(most, len(apart))).astype(np.int64)
     return np.ascontiguousarray(apart[few], np.float64)
 
 

@@ -145,9 +145,11 @@ def _with_neighbours(
     views: Iterable[_View],
 ) -> Iterator[tuple[_View | None, _View, _View | None]]:
     """Each view between the one before it and the one after it."""
-    before, current, after = itertools.tee(views, 3)
-    later = itertools.chain(itertools.islice(after, 1, None), [None])
-    return zip(itertools.chain([None], before), current, later, strict=False)
+    before, current = None, None
+    for after in itertools.chain(views, [None]):
+        if current is not None:
+            yield before, current, after
+        before, current = current, after
 
 
 def _agreeing(view: _View, others: list[_View], share: float) -> NDArray[np.bool_]:

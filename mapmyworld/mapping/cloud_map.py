@@ -43,15 +43,11 @@ def build_cloud(items: Iterable[Posed], config: Config) -> PointCloud:
     settings = config.visual
     voxels = VoxelMap(settings.cloud_voxel)
 
-    def add(seen: tuple[_View | None, _View, _View | None]) -> None:
-        before, view, after = seen
+    views = in_threads(lambda make: make(), _views(items, config), config.threads)
+    for before, view, after in _with_neighbours(views):
         others = [other for other in (before, after) if other is not None]
         kept = _agreeing(view, others, _AGREEMENT)
         voxels.add(view.points[kept], view.colours[kept], view.normals[kept])
-
-    views = in_threads(lambda make: make(), _views(items, config), config.threads)
-    for _ in in_threads(add, _with_neighbours(views), 1, 2):
-        pass  # one thread adds up while the next nodes are read
     return voxels.to_cloud(settings.cloud_views, _AROUND)
 
 
@@ -145,9 +141,11 @@ def _with_neighbours(
     views: Iterable[_View],
 ) -> Iterator[tuple[_View | None, _View, _View | None]]:
     """Each view between the one before it and the one after it."""
-    before, current, after = itertools.tee(views, 3)
-    later = itertools.chain(itertools.islice(after, 1, None), [None])
-    return zip(itertools.chain([None], before), current, later, strict=False)
+    before, current = None, None
+    for after in itertools.chain(views, [None]):
+        if current is not None:
+            yield before, current, after
+        before, current = current, after
 
 
 def _agreeing(view: _View, others: list[_View], share: float) -> NDArray[np.bool_]:

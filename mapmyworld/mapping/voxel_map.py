@@ -22,7 +22,7 @@ class VoxelMap:
         self._keys = np.zeros(0, np.int64)
         # Sums over a voxel's points: count, place within the voxel, RGB, normal.
         self._sums = np.zeros((0, 10), np.float32)
-        self._new: list[tuple[NDArray[np.int64], NDArray[np.float32]]] = []
+        self._new: list[tuple[NDArray[np.generic], ...]] = []  # keys, then columns of sums
 
     def add(self, points: Array, colours: NDArray[np.uint8], normals: NDArray[np.float32]) -> None:
         """Adds points (N, 3) in metres with RGB (N, 3) and unit normals (N, 3), zero = unknown."""
@@ -30,22 +30,22 @@ class VoxelMap:
         inside = (np.abs(places) < _OFFSET - 1).all(axis=1)
         cells = np.floor(places[inside]).astype(np.int64)
         x, y, z = (cells + _OFFSET).T
-        once = np.ones((len(cells), 1), np.float32)
         within = (places[inside] - cells).astype(np.float32)
-        rows = np.hstack([once, within, colours[inside], normals[inside]])
-        self._new.append((x << 2 * _BITS | y << _BITS | z, rows))
-        if sum(len(keys) for keys, _ in self._new) > _WAITING:
+        keys = x << 2 * _BITS | y << _BITS | z
+        self._new.append((keys, within, colours[inside], normals[inside]))
+        if sum(len(keys) for keys, *_ in self._new) > _WAITING:
             self._gather()
 
     def _gather(self) -> None:
         """Adds what is new to the voxels, which stand in the order of their keys."""
         if not self._new:
             return
-        points = np.concatenate([keys for keys, _ in self._new])
-        order = np.argsort(points, kind="stable")
-        keys, first = np.unique(points[order], return_index=True)
-        sums = np.add.reduceat(np.concatenate([rows for _, rows in self._new])[order], first)
+        points, *parts = (np.concatenate(part) for part in zip(*self._new, strict=True))
         self._new = []
+        order = np.argsort(points, kind="stable")
+        keys, first, counts = np.unique(points[order], return_index=True, return_counts=True)
+        columns = [np.add.reduceat(part[order], first, dtype=np.float32) for part in parts]
+        sums = np.hstack([counts[:, None], *columns], dtype=np.float32)
         place = np.searchsorted(self._keys, keys)
         seen = np.isin(keys, self._keys, assume_unique=True)
         self._sums[place[seen]] += sums[seen]
@@ -60,11 +60,15 @@ class VoxelMap:
         """
         self._gather()
         kept = self._points_in_cubes(around) >= least_count
-        cells = np.stack(_indices(self._keys[kept]), axis=1) - _OFFSET
-        means = self._sums[kept, 1:] / self._sums[kept, :1]
+        sums = self._sums[kept]
+        means = np.divide(sums[:, 1:], sums[:, :1], out=sums[:, 1:])
+        points = [
+            ((index - _OFFSET + within) * self._size).astype(np.float32)
+            for index, within in zip(_indices(self._keys[kept]), means.T, strict=False)
+        ]
         length = np.linalg.norm(means[:, 6:], axis=1, keepdims=True)
         return PointCloud(
-            ((cells + means[:, :3]) * self._size).astype(np.float32),
+            np.stack(points, axis=1),
             np.clip(np.round(means[:, 3:6]), 0, 255).astype(np.uint8),
             (means[:, 6:] / np.where(length > 0.0, length, np.inf)).astype(np.float32),
         )

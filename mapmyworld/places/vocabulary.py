@@ -111,19 +111,33 @@ def _cluster(
     descriptors: Binary, count: int, random: np.random.Generator
 ) -> tuple[list[Binary], NDArray[np.int64]]:
     """At most `count` centres and the nearest one of each descriptor; none without members."""
-    bits = np.unpackbits(descriptors.view(np.uint8), axis=1, bitorder="little")
-    signs = 2.0 * bits.astype(np.float32) - 1.0  # of which products count bits that are alike
-    chosen = random.permutation(len(descriptors))[:count]
-    centres, alike = descriptors[chosen], signs @ signs[chosen].T
-    agreed, before = 0, -1
+    words = np.ascontiguousarray(descriptors.T)
+    bits = _packed(np.unpackbits(descriptors.view(np.uint8), axis=1, bitorder="little").T)
+    centres = descriptors[random.permutation(len(descriptors))[:count]]
+    labels, agreed, before = _nearest(centres, words), 0, -1
     while agreed > before:
-        used, labels = np.unique(alike.argmax(axis=1), return_inverse=True)
-        votes = (labels == np.arange(len(used))[:, None]).astype(np.float32) @ signs
-        centres[used] = np.packbits(votes > 0, axis=1, bitorder="little").view(np.uint64)
-        alike[:, used] = signs @ np.where(votes > 0, 1.0, -1.0).astype(np.float32).T
+        members = labels == np.arange(len(centres))[:, None]
+        ones = np.bitwise_count(bits & _packed(members)[:, None]).sum(axis=2, dtype=np.int64)
+        votes = 2 * ones - members.sum(axis=1, keepdims=True)
+        majority = np.packbits(votes > 0, axis=1, bitorder="little").view(np.uint64)
+        centres = np.where(members.any(axis=1, keepdims=True), majority, centres)
+        labels = _nearest(centres, words)
         agreed, before = int(np.abs(votes).sum()), agreed
-    used, labels = np.unique(alike.argmax(axis=1), return_inverse=True)
+    used, labels = np.unique(labels, return_inverse=True)
     return list(centres[used]), labels
+
+
+def _nearest(centres: Binary, words: Binary) -> NDArray[np.int64]:
+    """(N,) the nearest of `centres` (K, 4) to each of the descriptors whose words are (4, N)."""
+    distances = np.bitwise_count(centres[:, :, None] ^ words).sum(axis=1, dtype=np.int16)
+    return np.asarray(distances.argmin(axis=0))
+
+
+def _packed(bits: NDArray[np.generic]) -> Binary:
+    """Rows of bits (R, N) as words (R, M), the last one filled up with zeros."""
+    filled = np.zeros((len(bits), -(-bits.shape[1] // 64) * 64), np.bool_)
+    filled[:, : bits.shape[1]] = bits
+    return np.packbits(filled, axis=1).view(np.uint64)
 
 
 def _distances(a: Binary, b: Binary) -> NDArray[np.int64]:

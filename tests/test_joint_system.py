@@ -93,3 +93,12 @@ def test_landmarks_move_with_what_sees_them_and_priors_move_the_map() -> None:
     np.testing.assert_allclose(prior, [1.0, 0.0, 0.0], atol=1e-5)
     np.testing.assert_allclose(seen, [1.0, 0.0, 0.0], atol=1e-5)
     np.testing.assert_array_equal(solved.poses[5], 0.0)
+
+
+def test_motions_count_by_their_share_and_nothing_else_does() -> None:
+    stated, held = Statements.of(NODES, GIVEN), np.zeros(5, np.bool_)
+    whole, _ = joint_system(NODES, CHOSEN, GIVEN, stated, AT, held)
+    some, _ = joint_system(NODES, CHOSEN, GIVEN, stated, AT, held, share=0.25)
+    shares = np.ones(len(whole.tails))
+    shares[4:7] = 0.25
+    np.testing.assert_allclose(some.information, shares[:, None, None] * whole.information)

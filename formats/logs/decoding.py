@@ -10,7 +10,7 @@ from typing import Any
 from formats.logs import foxglove_decoders, ros_decoders
 from formats.logs.channels import Channel
 from formats.logs.message_fields import field, stamp_of
-from formats.logs.message_parsers import Parse, parser_of
+from formats.logs.message_parsers import Parse, header_parser_of, parser_of
 from mapmyworld.errors import LogError
 from mapmyworld.types import Message, MessageKind, RawMessage, TextMessage, TransformsMessage
 
@@ -23,22 +23,26 @@ class ChannelDecoder:
     kind: MessageKind
     parse: Parse
     convert: Callable[[Any], Message]
+    header: Parse | None = None
+    """Of the header that messages begin with, if they do."""
 
     def message(self, data: bytes, log_time_ns: int) -> RawMessage:
-        """Its fields are parsed at once, pixels and points when it is decoded.
+        """Its header is parsed at once, all else when it is decoded; without one, all at once.
 
-        A damaged one has no stamp, and raises `LogError` when it is decoded.
+        What is damaged up to its stamp has none, and raises `LogError` when it is decoded.
         """
+        stamp_ns: int | None = None
         try:
-            value = self.parse(data)
-            stamp_ns, decode = _stamp(value), partial(self._decoded, value, log_time_ns)
+            value = self.parse(data) if self.header is None else None
+            stamp_ns = _stamp(value) if self.header is None else stamp_of(self.header(data))
+            decode = partial(self._decoded, data, value, log_time_ns)
         except Exception as error:  # three foreign parsers, each with errors of its own
-            stamp_ns, decode = None, partial(self._refuse, str(error), log_time_ns)
+            decode = partial(self._refuse, str(error), log_time_ns)
         return RawMessage(self.channel.topic, self.kind, log_time_ns, stamp_ns, decode)
 
-    def _decoded(self, value: Any, log_time_ns: int) -> Message:
+    def _decoded(self, data: bytes, value: Any, log_time_ns: int) -> Message:
         try:
-            message = self.convert(value)
+            message = self.convert(self.parse(data) if value is None else value)
         except Exception as error:
             return self._refuse(str(error), log_time_ns)
         if isinstance(message, TransformsMessage):
@@ -68,7 +72,7 @@ def decoder_for(channel: Channel) -> ChannelDecoder:
     parse = None if found is None else parser_of(channel)
     if found is None or parse is None:
         return ChannelDecoder(channel, MessageKind.OTHER, bytes, _unknown)
-    return ChannelDecoder(channel, found[0], parse, found[1])
+    return ChannelDecoder(channel, found[0], parse, found[1], header_parser_of(channel))
 
 
 def _converter(channel: Channel) -> tuple[MessageKind, Callable[[Any], Message]] | None:

@@ -8,10 +8,11 @@ from functools import lru_cache, partial
 from types import SimpleNamespace
 from typing import Any
 
+from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 from formats.logs.channels import Channel
-from formats.logs.definitions import recorded_store, standard_store
+from formats.logs.definitions import HEADER, recorded_store, standard_store
 from formats.nested_text import json_from_text
 
 Parse = Callable[[bytes], Any]
@@ -83,3 +84,17 @@ def _ros_parser(encoding: str, type_name: str, schema_encoding: str, schema: byt
             store = recorded_store(Channel("", type_name, encoding, schema_encoding, schema))
     known = type_name in store.types
     return partial(_parse_ros, store, type_name, encoding == "ros1") if known else None
+
+
+def header_parser_of(channel: Channel) -> Parse | None:
+    """What parses the ROS header that messages of the channel begin with; None where none does.
+
+    Most messages are read for their stamp alone, and their header is a tenth of the work.
+    """
+    parse = parser_of(channel)
+    if not (isinstance(parse, partial) and parse.func is _parse_ros):
+        return None
+    store, type_name, is_ros1 = parse.args
+    name, (kind, first) = store.fielddefs[type_name][1][0]
+    begins = name == "header" and kind is Nodetype.NAME and first == HEADER
+    return partial(_parse_ros, store, HEADER, is_ros1) if begins else None

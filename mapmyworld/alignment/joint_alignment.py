@@ -101,6 +101,27 @@ def align_jointly(
     return JointAlignment(poses, tuple(moved), residual, joint, len(pairs))
 
 
+def share_in_pairs(
+    scans: ScanSet, poses: Array, pairs: Pairs, information: Array, config: Config
+) -> float:
+    """By which tracked motions count beside pairs, which compare the same points: 1 at most.
+
+    Motions between the `pairs` (P, 2) of scans at `poses` (S, 3) state `information` (P, 3, 3).
+    Each was matched by the points that the pair of its two scans compares anew, so it is the same
+    measurement. But tracking learns how well matches agree, not what they err by in common: by that
+    its motions would outweigh all pairs. The share is the median of what pairs know of theirs.
+    """
+    if len(pairs) == 0:
+        return 1.0
+    systems, settings = np.zeros((len(pairs), 12)), config.registration
+    _associate(scans, poses, pairs, float(FINE[0]), settings, config.threads, systems)
+    known = pair_edges(poses, pairs, systems, settings)[3] - FAINT * np.eye(3)
+    shares = np.linalg.solve(information, known).trace(axis1=1, axis2=2) / 3.0
+    share = min(1.0, float(np.median(shares)))
+    decided("refine", f"motions count by {share:.3f}")
+    return share
+
+
 def pair_edges(
     poses: Array, pairs: Pairs, systems: Array, config: RegistrationConfig
 ) -> tuple[Pairs, Pairs, Array, Array]:

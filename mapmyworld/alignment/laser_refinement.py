@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mapmyworld.alignment.joint_alignment import align_in_rounds
+from mapmyworld.alignment.joint_alignment import align_in_rounds, share_in_pairs
 from mapmyworld.alignment.joint_covariance import (
     as_contradicted,
     carried,
@@ -21,10 +21,12 @@ from mapmyworld.alignment.joint_system import (
     NOTHING,
     Statements,
     joint_system,
+    node_motions,
     step_covariances,
 )
 from mapmyworld.alignment.laser_pairs import ComparedScans, among_first_revisits
 from mapmyworld.backend.block_matrix import diagonals
+from mapmyworld.backend.system import System
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (
@@ -193,23 +195,32 @@ def _rounds(
     settings, config = task.config.odometry, task.config
     count = len(poses)
     stays = np.append(held, np.zeros(len(landmarks), np.bool_))
-    system, start = joint_system(
-        task.nodes, task.chosen, task.constraints, task.statements,
-        np.concatenate([poses, landmarks]), stays,
-    )  # fmt: skip
-    compared = ComparedScans(task.session[task.chosen], held, system, start, settings)
+    given = task.nodes, task.chosen, task.constraints
+    tails, heads, _, information = node_motions(*given)
+    share = share_in_pairs(task.scans, poses, np.stack([tails, heads], 1), information, config)
+    rest = task.statements, np.concatenate([poses, landmarks]), stays
+    stated, start = joint_system(*given, *rest)
+    system, _ = joint_system(*given, *rest, share)
+    compared = ComparedScans(task.session[task.chosen], held, stated, start, settings)
     found = align_in_rounds(task.scans, system, start, compared.pairs_at, config, progress)
+    joint = _as_stated(found.joint, stated)
     every, residual = found.poses, found.residual
     own = shape_covariances(task.scans, residual)
     known = np.median(own.diagonal(0, 1, 2), axis=0)
     own += diagonals(sweep_variances(task.nodes, task.frames, known, settings)[task.chosen])
-    spread = marginal_covariances(as_contradicted(found.joint, found.pairs, every), every)
+    spread = marginal_covariances(as_contradicted(joint, found.pairs, every), every)
     anchors = np.zeros(0, np.int64)
     if spread is not None and not held.any():
         spread = spread + of_anchors(found.joint, own, every)
         anchors = np.flatnonzero(found.joint.free[:count] < 0)
     spread = None if spread is None else spread[:-1]
     return _Aligned(every[:count], every[count:-1], found.moved, residual, spread, own, anchors)
+
+
+def _as_stated(joint: System, stated: System) -> System:
+    """The joint system, in which the edges of the `stated` one are as certain as they are there."""
+    others = joint.information[len(stated.tails) :]
+    return replace(joint, information=np.concatenate([stated.information, others]))
 
 
 def _sessions(nodes: Sequence[Node], tracked: Index) -> list[tuple[int, int]]:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
+from laser_rooms import WALLS, cast
 from sample_verdicts import REJECTED
 
-from mapmyworld.alignment.joint_alignment import align_jointly
+from mapmyworld.alignment.joint_alignment import align_jointly, share_in_pairs
 from mapmyworld.alignment.joint_system import Statements, joint_system
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
-from mapmyworld.registration.scan_matching import scan_set
+from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.types import (
     ConstraintKind,
     ImageMatch,
@@ -102,3 +104,21 @@ def test_motions_count_by_their_share_and_nothing_else_does() -> None:
     shares = np.ones(len(whole.tails))
     shares[4:7] = 0.25
     np.testing.assert_allclose(some.information, shares[:, None, None] * whole.information)
+
+
+def test_motions_that_state_more_than_pairs_of_their_scans_know_count_less() -> None:
+    config = Config()
+    poses = np.stack([np.linspace(-2.0, -1.0, 5), np.full(5, 0.5), np.zeros(5)], axis=-1)
+    scans = scan_set(
+        [prepare_scan(cast(p, WALLS, k), config.registration) for k, p in enumerate(poses)]
+    )
+    pairs = np.stack([np.arange(4), np.arange(1, 5)], axis=-1)
+
+    def share(information: float) -> float:
+        stated = np.tile(information * np.eye(3), (4, 1, 1))
+        return share_in_pairs(scans, poses, pairs, stated, config)
+
+    assert share(1.0) == 1.0  # they state less
+    assert 0.0 < share(1e9) < 1.0
+    assert share(2e9) == pytest.approx(0.5 * share(1e9))
+    assert share_in_pairs(scans, poses, pairs[:0], np.zeros((0, 3, 3)), config) == 1.0

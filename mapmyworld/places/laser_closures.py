@@ -36,7 +36,6 @@ from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import Match
 from mapmyworld.registration.scan_search import (
     APART,
-    MARGIN,
     Found,
     search_evidence,
 )
@@ -168,7 +167,7 @@ def _compare_all(
 def _compare(
     nodes: LaserNodes, place: Place, a: int, b: int, around: Place, config: Config, widest: float
 ) -> Judged:
-    size, margin = place.submap.size, place.submap.margin
+    size = place.submap.size
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     distance, angle = drift_window(nodes, a, b, widest)
     searched, centre = distance, guess
@@ -177,14 +176,9 @@ def _compare(
         searched = min(searched, np.sqrt(MOST) * distance)
     needed = needed_evidence(searched, angle)
     found = search_evidence(
-        around.submap.scored,
-        place.grid,
-        centre,
-        distance,
-        angle,
-        FORTH * needed,
-        MARGIN if size == 1 else np.inf,
-    )
+        around.submap.scored, place.grid, centre, distance, angle, FORTH * needed,
+        place.submap.behind,
+    )  # fmt: skip
     if found is None:
         verdict = Verdict(Judge.LASER, False, Why.NOTHING_IN_COMMON)
         return _constraint(nodes, a, b, guess, np.eye(3), ScanMatch(), verdict)
@@ -202,7 +196,7 @@ def _compare(
         float(found.score), float(match.overlap), float(match.residual),
         float(np.hypot(*moved[:2])),
     )  # fmt: skip
-    verdict = _verdict(source, found, match, needed, margin)
+    verdict = _verdict(source, found, match, needed, place.submap.margin)
     information = np.eye(3)
     if verdict.accepted:
         information = closure_information(match)

@@ -18,7 +18,7 @@ from mapmyworld.places.laser_candidates import FIRST_WINDOW, drift_window
 from mapmyworld.places.laser_nodes import LaserNodes, spaced
 from mapmyworld.places.laser_submaps import place_around
 from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
-from mapmyworld.registration.scan_search import MARGIN, evidence_elsewhere
+from mapmyworld.registration.scan_search import evidence_elsewhere
 from mapmyworld.types import Judge, Judged, ScanMatch, Verdict, Why
 
 Pairs = Sequence[tuple[int, int]]
@@ -87,7 +87,7 @@ def _second_best(
     points = there.submap.scored
     other = evidence_elsewhere(
         points, place.grid, here, distance, angle, FORTH * needed, _measured(closure).score,
-        MARGIN if place.submap.size == 1 else np.inf,
+        place.submap.behind,
     )  # fmt: skip
     if other is None:
         return 0.0

@@ -92,7 +92,7 @@ class Submap:
     bounds: NDArray[np.int64]
     """(S + 1,) where each scan's points begin; the last one ends at N."""
     size: int = 1
-    """Times as long as others."""
+    """Times as long as ordinary ones."""
 
     @staticmethod
     def of(scans: ScanSet, poses: Array, size: int = 1) -> Submap:
@@ -112,6 +112,14 @@ class Submap:
         What the poses within a submap err by is common to its points: so many more count as one.
         """
         return self.size * MARGIN
+
+    @property
+    def behind(self) -> float:
+        """How far behind the best a second best is looked for, in points: any, in longer ones.
+
+        These lie partly where nobody was, and what only one of two poses has seen counts little.
+        """
+        return MARGIN if self.size == 1 else np.inf
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,17 +215,12 @@ def continue_walls(points: Array, walls: Array) -> NDArray[np.bool_]:
 
 
 def search_evidence(
-    points: Array,
-    grid: LikelihoodGrid,
-    guess: Array,
-    distance: float,
-    angle: float,
-    least: float,
-    margin: float = MARGIN,
-) -> Found | None:
+    points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float, least: float,
+    behind: float = MARGIN,
+) -> Found | None:  # fmt: skip
     """The best pose of points (N, 2) about `guess` (3,) in a grid of evidence; None below `least`.
 
-    `least` and the `margin` that a second best may be behind are evidence, in points.
+    `least` and what a second best may be `behind` are evidence, in points.
     """
     if len(points) == 0:
         return None
@@ -228,21 +231,21 @@ def search_evidence(
     best_shift(*fixed, floor, _NOWHERE, best)
     if best[0] <= floor:
         return None
-    second_best = _best_elsewhere(fixed, best[1:], max(floor, best[0] - margin * a_point))
+    second_best = _best_elsewhere(fixed, best[1:], max(floor, best[0] - behind * a_point))
     return Found(best[1:].copy(), float(best[0]), float(second_best[0]), second_best[1:].copy())
 
 
 def evidence_elsewhere(
     points: Array, grid: LikelihoodGrid, pose: Array, distance: float, angle: float, least: float,
-    score: float = 0.0, margin: float = MARGIN,
+    score: float = 0.0, behind: float = MARGIN,
 ) -> Array | None:  # fmt: skip
     """The best pose (3,) of points (N, 2), of more evidence than `least`.
 
-    In a window of `distance` m and `angle` rad about `pose` (3,), but not at it; and of as much
-    evidence, but for this `margin`, as a pose has elsewhere with this `score`, if any.
+    In a window of `distance` m and `angle` rad about `pose` (3,), but not at it; and not
+    farther `behind` in evidence than a pose with this `score` elsewhere, if any.
     """
     window = _window(points, grid, pose, distance, angle)
-    least = max(least, (2.0 * score - 1.0) * len(window[2]) - margin)
+    least = max(least, (2.0 * score - 1.0) * len(window[2]) - behind)
     return _best_of(window, np.array([*pose, *APART]), least)
 
 

@@ -5,10 +5,6 @@ And its numbers as poses and matrices: triangles, quaternions, angles, covarianc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import fields
-from typing import TypeVar
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +16,6 @@ from mapmyworld.types.pose_graph import Edges, Priors, Sightings, no_priors, no_
 
 Index = NDArray[np.int64]
 Tables = dict[str, Table]
-Rows = TypeVar("Rows", Edges, Sightings)
 
 _LEAST_VARIANCE = 1e-30  # m^2 or rad^2
 
@@ -80,7 +75,7 @@ def edges_of(tables: Tables, planar: bool, problems: list[str]) -> Edges:
     """Constraints between poses; faults are reported in `problems`."""
     tags = ("EDGE_SE2", "EDGE2", "ODOMETRY") if planar else ("EDGE_SE3:QUAT", "EDGE3")
     found = [_edges_of(tag, tables[tag], planar, problems) for tag in tags if tag in tables]
-    return _joined([_no_edges(planar), *found])
+    return _no_edges(planar).followed_by(*found)
 
 
 def _edges_of(tag: str, table: Table, planar: bool, problems: list[str]) -> Edges:
@@ -113,7 +108,7 @@ def _sound(problems: list[str], tag: str, lines: Index, information: Array) -> N
 def sightings_of(tables: Tables, planar: bool, problems: list[str]) -> Sightings:
     """Landmarks as nodes see them; faults are reported in `problems`."""
     size = 2 if planar else 3
-    parts = [no_sightings(planar)]
+    parts = list[Sightings]()
     tags = ("EDGE_SE2_XY", "LANDMARK", "BR") if planar else ("EDGE_SE3_TRACKXYZ",)
     for tag in map(str, tags):
         if tag not in tables:
@@ -141,7 +136,7 @@ def sightings_of(tables: Tables, planar: bool, problems: list[str]) -> Sightings
         polar = np.full(len(values), tag == "BR")
         good = _sound(problems, tag, table.lines, information)
         parts.append(Sightings(ids[:, 0], ids[:, 1], measured, information, polar).chosen(good))
-    return _joined(parts)
+    return no_sightings(planar).followed_by(*parts)
 
 
 def _at_node(motion: Array, measured: Array, information: Array) -> tuple[Array, Array]:
@@ -176,10 +171,3 @@ def priors_of(tables: Tables, planar: bool, problems: list[str]) -> Priors:
 def _no_edges(planar: bool) -> Edges:
     ids, none = np.zeros(0, np.int64), no_priors(planar)
     return Edges(ids, ids, none.map_from_node, none.information, np.zeros(0, np.bool_))
-
-
-def _joined(parts: Sequence[Rows]) -> Rows:
-    """The arrays of all parts, one behind the other."""
-    kind = type(parts[0])
-    names = [field.name for field in fields(kind)]
-    return kind(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))

@@ -62,7 +62,7 @@ def test_a_pose_is_found_among_forty_percent_of_wrong_matches(seed: int) -> None
     sightings.seen[wrong, :2] += np.random.default_rng(seed + 1).uniform(0.1, 0.6, (80, 2))
     found, count = ransac_pose(sightings, 3.0)
     assert count >= 60
-    kept = sightings.select(inliers(found, sightings, 5.0))
+    kept = sightings.chosen(inliers(found, sightings, 5.0))
     refined, _ = refine_pose(found, kept)
     motion = se3_log(between(pose, refined))
     assert np.abs(motion[:3]).max() < 0.003

@@ -12,9 +12,9 @@ from mapmyworld.config import Config
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.places.appearance import inverse_frequencies, weigh_words
+from mapmyworld.places.appearance import distinct, inverse_frequencies, weigh_words
 from mapmyworld.places.camera_features import features_of_camera
-from mapmyworld.places.image_proposals import NEAR, NEAR_ANGLE
+from mapmyworld.places.image_proposals import CANDIDATES, NEAR, NEAR_ANGLE
 from mapmyworld.places.node_features import best_features
 from mapmyworld.places.vocabulary import Vocabulary, vocabulary_of_words
 from mapmyworld.registration.features import extract_features
@@ -22,8 +22,6 @@ from mapmyworld.registration.image_pairs import register_images
 from mapmyworld.registration.scan_search import APART
 from mapmyworld.registration.views import View, binary_words, make_view
 from mapmyworld.types import CameraModel, Features, MapStore, Registration, RgbdImage
-
-_CANDIDATES = 3  # nodes that a view is compared with
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,13 +85,8 @@ class KnownImages:
             return []
         likeness = np.asarray(self._vectors @ vector).ravel() / length
         order = np.argsort(-likeness, kind="stable")
-        chosen: list[int] = []
-        for k in order.tolist():
-            if likeness[k] < self._config.visual.place_similarity or len(chosen) == _CANDIDATES:
-                break
-            if all(abs(k - other) > 2 for other in chosen):
-                chosen.append(k)
-        return chosen
+        alike = likeness[order] >= self._config.visual.place_similarity
+        return distinct(order[alike], CANDIDATES)
 
     def most_alike(self, view: View) -> Sighting | None:
         """The one place that the view fits; None where it fits several, or none."""
@@ -115,7 +108,7 @@ class KnownImages:
         turn = rotation_angle(motion)
         close = np.flatnonzero((apart < NEAR) & (turn < np.radians(NEAR_ANGLE)))
         order = close[np.argsort(apart[close] + turn[close], kind="stable")]
-        return [int(k) for k in order[:_CANDIDATES]]
+        return [int(k) for k in order[:CANDIDATES]]
 
     def sight(self, view: View, node: int, guess: Array | None = None) -> Sighting | None:
         """The pose that a node's image gives a view; `guess` (4, 4) is of map_from_base."""

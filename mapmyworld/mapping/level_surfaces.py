@@ -18,6 +18,7 @@ from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.mapping.cloud_map import VIEW_ANGLE, organised_normals, organised_points
 from mapmyworld.registration.camera_model import depth_grid_points
 from mapmyworld.types import RgbdImage
+from mapmyworld.types.rows import Rows
 
 _STRIDE = 12  # pixels between the points looked at: a Kinect's steps of depth tilt nearer ones
 _NEAR = 3.5  # m up to which normals are worth looking at
@@ -36,7 +37,7 @@ _FLOOR = 0.04  # share of the points facing up that the floor must have
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surfaces:
+class Surfaces(Rows):
     """Points on what cameras saw, in one frame."""
 
     points: Array
@@ -68,11 +69,7 @@ def surfaces_of(image: RgbdImage, map_from_base: Array, config: Config) -> Surfa
 
 def joined(parts: Iterable[Surfaces]) -> Surfaces:
     """All surfaces together; the frame is theirs."""
-    every = [Surfaces(np.zeros((0, 3)), np.zeros((0, 3))), *parts]
-    return Surfaces(
-        np.concatenate([part.points for part in every]),
-        np.concatenate([part.normals for part in every]),
-    )
+    return Surfaces(np.zeros((0, 3)), np.zeros((0, 3))).followed_by(*parts)
 
 
 def find_level(seen: Surfaces, held: Array, force: Array | None) -> Level:

@@ -210,7 +210,7 @@ class VisualTracker:
         pose, count = ransac_pose(sightings, settings.inlier_sigmas)
         if count < self._least // 2:
             return None
-        kept = sightings.select(inliers(pose, sightings, 2.0 * settings.inlier_sigmas))
+        kept = sightings.chosen(inliers(pose, sightings, 2.0 * settings.inlier_sigmas))
         pose, _ = refine_pose(pose, kept)
         agreed = np.count_nonzero(inliers(pose, sightings, settings.inlier_sigmas))
         return pose if agreed >= self._least else None
@@ -223,7 +223,7 @@ class VisualTracker:
                 keyframe.map_from_camera, keyframe.view.camera_points()[theirs]
             )
             known = np.isfinite(points[:, 2])
-            sightings = Sightings(points, view.seen[mine], view.sigmas[mine]).select(known)
+            sightings = Sightings(points, view.seen[mine], view.sigmas[mine]).chosen(known)
             pose = self._agree(sightings)
             if pose is not None:
                 return pose

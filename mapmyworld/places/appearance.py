@@ -79,21 +79,16 @@ def find_candidates(
         row[close & (sessions == sessions[i])] = 0.0
         worth = (row >= least_similarity) & (row >= _ALIKE * row.max())
         order = np.argsort(-row, kind="stable")
-        for j in _distinct(order[worth[order]], most):
+        for j in distinct(order[worth[order]], most):
             best[max(i, j), min(i, j)] = float(row[j])
     pairs = [Candidate(*pair, similarity) for pair, similarity in best.items()]
     return sorted(pairs, key=lambda c: (c.index, -c.similarity, c.other))
 
 
-def _distinct(order: NDArray[np.int64], most: int) -> list[int]:
+def distinct(order: NDArray[np.int64], most: int) -> list[int]:
+    """The first few indices of `order` that are no neighbours of each other."""
     chosen: list[int] = []
-    for j in order:
-        if not _is_near(int(j), chosen):
-            chosen.append(int(j))
-            if len(chosen) == most:
-                break
+    for j in order.tolist():
+        if len(chosen) < most and all(abs(j - other) > NEIGHBOURS for other in chosen):
+            chosen.append(j)
     return chosen
-
-
-def _is_near(index: int, chosen: Sequence[int]) -> bool:
-    return any(abs(index - other) <= NEIGHBOURS for other in chosen)

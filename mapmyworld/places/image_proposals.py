@@ -6,17 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
-from mapmyworld.places.appearance import NEIGHBOURS, find_candidates
+from mapmyworld.places.appearance import NEIGHBOURS, distinct, find_candidates
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.types import ConstraintKind, ImageMatch, Poses
 
 _GAP = 5.0  # s that two nodes must lie apart to be the same place again
-_CANDIDATES = 3  # places verified for each node, at most
+CANDIDATES = 3  # places verified for each image, at most
 NEAR = 1.5  # m between nodes whose images are compared for being near
 NEAR_ANGLE = 45.0  # deg between their headings, at most
 
@@ -44,7 +43,7 @@ def by_words(images: NodeImages, size: int, config: Config) -> list[Proposal]:
         images.sessions(),
         gap_s=_GAP,
         least_similarity=config.visual.place_similarity,
-        most=_CANDIDATES,
+        most=CANDIDATES,
     )
     closure = ConstraintKind.LOOP_CLOSURE
     return [
@@ -84,7 +83,7 @@ def by_poses(images: NodeImages, poses: Poses, already: Sequence[Proposal]) -> l
         close &= placed[:i] & (np.abs(stamps[i] - stamps[:i]) > _GAP * 1e9)
         order = np.flatnonzero(close)
         order = order[np.argsort(distance[order], kind="stable")]
-        for j in _spaced(order, _CANDIDATES):
+        for j in distinct(order, CANDIDATES):
             if (int(i), j) not in tried:
                 source = ImageMatch(distance=float(distance[j]))
                 found.append(Proposal(int(i), j, ConstraintKind.PROXIMITY, source))
@@ -103,12 +102,3 @@ def _view_directions(images: NodeImages, map_from_node: Array) -> Array:
             axes[key] = view.camera.base_from_camera[:3, 2]
     every = np.stack([axes.get(key, np.array([1.0, 0, 0])) for key in keys])
     return np.asarray(np.einsum("nij,nj->ni", map_from_node[:, :3, :3], every))
-
-
-def _spaced(order: NDArray[np.int64], most: int) -> list[int]:
-    """The first few indices of `order` that are no neighbours of each other."""
-    chosen: list[int] = []
-    for j in order:
-        if len(chosen) < most and all(abs(int(j) - other) > NEIGHBOURS for other in chosen):
-            chosen.append(int(j))
-    return chosen

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from mapmyworld.config import Config
-from mapmyworld.places.camera_features import select_features
 from mapmyworld.registration.features import extract_features, spread
 from mapmyworld.types import CameraModel, Features, NodeData, RgbdImage
 
@@ -28,4 +27,4 @@ def best_features(features: Features, camera: CameraModel, config: Config) -> Fe
     if len(features.pixels) <= wanted:
         return features
     chosen = spread(features.pixels, features.responses, camera.width, camera.height, wanted)
-    return select_features(features, chosen)
+    return features.chosen(chosen)

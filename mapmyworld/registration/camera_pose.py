@@ -11,6 +11,7 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.kernels.pose_refinement import pose_normal_equations
 from mapmyworld.registration.camera_model import pose_of_rays
+from mapmyworld.types.rows import CountedRows
 
 LEAST_SHARE = 0.25
 """Of the sightings that agree where a pose is right."""
@@ -19,7 +20,7 @@ _MISS = 1e-4  # probability of having overlooked the best hypothesis at which th
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sightings:
+class Sightings(CountedRows):
     """What one camera saw of N known points, in normalised image coordinates."""
 
     points: Array
@@ -29,13 +30,6 @@ class Sightings:
     sigmas: Array
     """(N, 3) standard deviations of x and y, and of the inverse depth; and the largest deviation of
     the inverse depth that is no outlier, since depth is wrong by far more than noise at edges."""
-
-    def select(self, chosen: NDArray[np.generic]) -> Sightings:
-        """The sightings that a mask (N,) or indices (K,) choose."""
-        return Sightings(self.points[chosen], self.seen[chosen], self.sigmas[chosen])
-
-    def __len__(self) -> int:
-        return len(self.points)
 
 
 def errors(pose: Array, sightings: Sightings) -> Array:
@@ -80,7 +74,7 @@ def ransac_pose(sightings: Sightings, limit: float, least: int = 1) -> tuple[Arr
 def _polished(pose: Array, count: int, sightings: Sightings, limit: float) -> tuple[Array, int]:
     """The pose refined on all within twice the limit, as long as more agree; and how many do."""
     while True:
-        refined, _ = refine_pose(pose, sightings.select(inliers(pose, sightings, 2.0 * limit)))
+        refined, _ = refine_pose(pose, sightings.chosen(inliers(pose, sightings, 2.0 * limit)))
         agreed = int(np.count_nonzero(inliers(refined, sightings, limit)))
         if agreed <= count:
             return pose, count

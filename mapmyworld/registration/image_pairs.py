@@ -76,7 +76,7 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
         return _failed(mine, theirs, _few(found, len(mine), config))
     first = found / len(mine)
     pose, _ = refine_pose(
-        pose, sightings.select(inliers(pose, sightings, 2 * settings.inlier_sigmas))
+        pose, sightings.chosen(inliers(pose, sightings, 2 * settings.inlier_sigmas))
     )
     base = pose @ invert(b.camera.base_from_camera)
     more = match_by_pose(a, b, points, base, settings.inlier_sigmas * pixel_sigmas(a.features))
@@ -86,7 +86,7 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
     pose, information = refine_pose(pose, sightings)
     agreed = inliers(pose, sightings, settings.inlier_sigmas)
     if np.count_nonzero(agreed) >= enough:
-        pose, information = refine_pose(pose, sightings.select(agreed))
+        pose, information = refine_pose(pose, sightings.chosen(agreed))
         agreed = inliers(pose, sightings, settings.inlier_sigmas)
     return _judged(b, (mine, theirs, agreed), pose, information, sightings, first, config)
 

@@ -75,7 +75,7 @@ def copy_drives(placed: Sequence[Placed], store: MapStore) -> None:
     frames = [known] if len(known.stamps_ns) else []
     for item in placed:
         frames.append(_copy_drive(item, store, sum(len(f.stamps_ns) for f in frames)))
-    store.set_tracked_frames(_joined(frames))
+    store.set_tracked_frames(frames[0].followed_by(*frames[1:]))
     _note_tracks([store, *(item.session_map.store for item in placed)], store)
 
 
@@ -130,18 +130,6 @@ def copied_constraints(placed: Sequence[Placed]) -> list[Judged]:
         for item in placed
         for c in as_found(item.session_map.store.constraints())
     ]
-
-
-def _joined(frames: Sequence[TrackedFrames]) -> TrackedFrames:
-    odometry = [f.odom_from_base for f in frames]
-    recorded = [o for o in odometry if o is not None]
-    return TrackedFrames(
-        np.concatenate([f.stamps_ns for f in frames]),
-        np.concatenate([f.node_ids for f in frames]),
-        np.concatenate([f.node_from_frame for f in frames]),
-        np.concatenate([f.is_node for f in frames]),
-        np.concatenate(recorded) if len(recorded) == len(frames) else None,
-    )
 
 
 def copied_edits(placed: Sequence[Placed]) -> tuple[Edit, ...]:

@@ -217,14 +217,7 @@ def _write(
 def _both(before: Poses, new: Poses) -> Poses:
     """Nodes by id, landmarks behind them."""
     landmarks = before.ids < 0
-    order = [~landmarks, landmarks]
-    covariances = None
-    if before.covariances is not None and new.covariances is not None:
-        first, last = (before.covariances[rows] for rows in order)
-        covariances = np.concatenate([first, new.covariances, last])
-    first, last = (before.map_from_node[rows] for rows in order)
-    ids = np.concatenate([before.ids[~landmarks], new.ids, before.ids[landmarks]])
-    return Poses(ids, np.concatenate([first, new.map_from_node, last]), covariances)
+    return before.chosen(~landmarks).followed_by(new, before.chosen(landmarks))
 
 
 def _draw(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mapmyworld.backend.connected_components import components
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import invert
@@ -58,7 +59,9 @@ def merge_maps(
     """
     ordered = sorted(session_maps, key=lambda session_map: session_map.order)
     joints = join_session_maps(ordered, config, progress)
-    groups = _groups(len(ordered), joints)
+    ends = np.array([(joint.earlier, joint.later) for joint in joints], np.int64).reshape(-1, 2)
+    part = components(len(ordered), *ends.T)
+    groups = [np.flatnonzero(part == k).tolist() for k in range(int(part.max()) + 1)]
     wanted = {k for k, session_map in enumerate(ordered) if session_map.name == first}
     sizes = [len(session_map.nodes) for session_map in ordered]
     groups.sort(key=lambda g: (not wanted & set(g), -sum(sizes[k] for k in g), g))
@@ -67,14 +70,6 @@ def merge_maps(
         with open_store(number) as store:
             merged.append(_merge(ordered, group, joints, store, config, progress))
     return merged
-
-
-def _groups(count: int, joints: Sequence[Joint]) -> list[list[int]]:
-    group = list(range(count))
-    for joint in joints:
-        old, new = group[joint.later], group[joint.earlier]
-        group = [new if g == old else g for g in group]
-    return [[k for k in range(count) if group[k] == g] for g in sorted(set(group))]
 
 
 def _merge(

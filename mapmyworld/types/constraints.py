@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.types.rows import Rows
 from mapmyworld.types.sources import GIVEN, LOST, RELOCALISED, LaserTracking, Person, Source
 from mapmyworld.types.verdicts import SUPERSEDING, Judge, Verdict
 
@@ -134,7 +135,7 @@ class Judged(Constraint):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Poses:
+class Poses(Rows):
     """Solved poses of nodes (positive ids) and landmarks (negative ids)."""
 
     ids: NDArray[np.int64]

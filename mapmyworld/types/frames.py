@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.types.messages import CameraInfoMessage, GpsMessage, ImageMessage
+from mapmyworld.types.rows import Rows
 
 _HOUSING = 0.1  # m from its base at which a lens still sits in a camera's own housing
 
@@ -123,7 +124,7 @@ class Node:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Features:
+class Features(Rows):
     """Local features of one image, for words and matching."""
 
     pixels: NDArray[np.float32]
@@ -156,7 +157,7 @@ class NodeData:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TrackedFrames:
+class TrackedFrames(Rows):
     """Every tracked moment of the log, nodes or not, as parallel arrays in time order."""
 
     stamps_ns: NDArray[np.int64]

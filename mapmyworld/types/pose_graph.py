@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
-from typing import Self
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Rows:
-    """Parallel arrays, a row of each for one measurement."""
-
-    def __len__(self) -> int:
-        return len(getattr(self, fields(self)[0].name))
-
-    def chosen(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Self:
-        """The rows of a mask (N,) or at positions (K,), all arrays alike."""
-        return replace(self, **{f.name: getattr(self, f.name)[which] for f in fields(self)})
+from mapmyworld.types.rows import CountedRows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Edges(_Rows):
+class Edges(CountedRows):
     """Measured relative poses between pairs of nodes."""
 
     from_ids: NDArray[np.int64]
@@ -38,7 +27,7 @@ class Edges(_Rows):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sightings(_Rows):
+class Sightings(CountedRows):
     """Landmarks (points) seen from nodes, with known correspondence."""
 
     node_ids: NDArray[np.int64]
@@ -54,7 +43,7 @@ class Sightings(_Rows):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Priors(_Rows):
+class Priors(CountedRows):
     """Measured poses of single nodes in the map frame."""
 
     ids: NDArray[np.int64]

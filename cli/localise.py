@@ -121,7 +121,7 @@ def _write(path: Path, found: Localisation, grid: OccupancyGrid, base_frame: str
     elif path.suffix == ".mcap":
         from formats.localisation_files import write_localisation_mcap
 
-        write_localisation_mcap(path, found, base_frame=base_frame, overwrite=True)
+        write_localisation_mcap(path, found, base_frame=base_frame)
     elif path.suffix == ".png":
         from formats.report.map_pictures import write_localisation_picture
 

@@ -76,11 +76,10 @@ def optimise(
     solved = _timed(graph, robust, config.graph, seconds)
     from mapmyworld.graph.canonical_graph import component_losses
 
-    losses = [*problems, *component_losses(solved.component)]
+    facts = {"file": str(path), **_facts(graph, solved)}
+    losses = [*problems, *component_losses(facts["components"])]
     _write(output, path, graph, solved, losses)
-    facts = {
-        "file": str(path),
-        **_facts(graph, solved),
+    facts |= {
         "problems": problems,
         "notes": notes,
         "seconds": seconds,

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.graph_lines import Table, listed
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION, invert, make_transform
 from mapmyworld.geometry.rotations import quaternion_to_rotation, so3_exp
 from mapmyworld.types.pose_graph import Edges, Priors, Sightings, no_priors, no_sightings
 
-Index = NDArray[np.int64]
 Tables = dict[str, Table]
 
 _LEAST_VARIANCE = 1e-30  # m^2 or rad^2

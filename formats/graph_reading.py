@@ -15,16 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from formats.graph_edges import edges_of, poses_of, priors_of, sightings_of
 from formats.graph_lines import Columns, Table, listed, tables_from_text
 from formats.whole_files import read_whole
 from mapmyworld.errors import MapError
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.types.pose_graph import Edges, PoseGraph
-
-Index = NDArray[np.int64]
 
 _COLUMNS = {
     "VERTEX_SE2": Columns(4, ids=1),

@@ -54,15 +54,13 @@ def _numbers(pose: NDArray[np.float64]) -> list[str]:
     return [f"{value + 0.0:.9f}" for value in values]
 
 
-def write_localisation_mcap(
-    path: Path, localisation: Localisation, *, base_frame: str, overwrite: bool = False
-) -> None:
+def write_localisation_mcap(path: Path, localisation: Localisation, *, base_frame: str) -> None:
     """Known poses as /localisation/pose, states as /localisation/state, and tf.
 
     tf is `map -> odom` with the recorded `odom -> base` where the log has odometry, else
     `map -> base`; while the place is unknown there is none.
     """
-    with LogWriter(path, overwrite=overwrite) as writer:
+    with LogWriter(path, overwrite=True) as writer:
         # In the order of the log: stamps may step back, the time of recording must not.
         time = 0
         state = None

@@ -13,9 +13,8 @@ import gtsam
 import numpy as np
 from scipy.sparse import bsr_array, csc_array
 
-from mapmyworld.backend.connected_components import Index
 from mapmyworld.backend.information import Factorised
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 
 
 @dataclass(frozen=True, slots=True, eq=False)

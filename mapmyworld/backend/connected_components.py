@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Index = NDArray[np.int64]
+from mapmyworld.geometry import Index
 
 
 def components(node_count: int, tails: Index, heads: Index) -> Index:

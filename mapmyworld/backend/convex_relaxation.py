@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mapmyworld.backend.block_matrix import Blocks, colamd_order_of, edge_blocks, place_in
-from mapmyworld.backend.connected_components import Index, first_nodes
+from mapmyworld.backend.connected_components import first_nodes
 from mapmyworld.backend.landmarks import POINT, POLAR
 from mapmyworld.backend.system import System, chosen_edges
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rotations import skew, so3_exp
 

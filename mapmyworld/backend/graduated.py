@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import diags_array
 
-from mapmyworld.backend.connected_components import Index
 from mapmyworld.backend.factors import factor_graph
 from mapmyworld.backend.information import Factorised, Variables, normal_matrix
 from mapmyworld.backend.residuals import retract
 from mapmyworld.backend.system import System, believed_edges, edge_chi2, moving_edges
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 
 _GROWTH = 1.4  # of the control parameter between two rounds, as in the paper
 _ROUNDS = 100  # at most

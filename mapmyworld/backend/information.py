@@ -13,11 +13,10 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import SuperLU, splu
 
-from mapmyworld.backend.connected_components import Index
 from mapmyworld.backend.factors import FactorGraph, elimination_order, factor_graph
 from mapmyworld.backend.system import System
 from mapmyworld.errors import GraphError
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 
 
 class NotPositiveDefiniteError(GraphError):

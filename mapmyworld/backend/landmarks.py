@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapmyworld.backend.connected_components import Index, positions
-from mapmyworld.geometry import Array
+from mapmyworld.backend.connected_components import positions
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import (
     between_planar,
     planar_to_matrix,

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.backend.connected_components import Index
 from mapmyworld.backend.factors import factors_at
 from mapmyworld.backend.information import Information
 from mapmyworld.backend.system import System, chosen_edges, moving_edges, residuals_of
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,9 +10,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from mapmyworld.backend.block_matrix import colamd_order_of, diagonals, edge_blocks, place_in
-from mapmyworld.backend.connected_components import Index
 from mapmyworld.backend.system import System
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import (
     compose_planar,
     invert_planar,

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.backend.connected_components import Index, held_nodes
+from mapmyworld.backend.connected_components import held_nodes
 from mapmyworld.backend.landmarks import sighting_residuals
 from mapmyworld.backend.residuals import edge_residuals, squared_sigmas
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 
 Objects = NDArray[np.object_]
 

@@ -13,11 +13,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from mapmyworld.backend.block_matrix import Blocks, colamd_order_of, place_in
-from mapmyworld.backend.connected_components import Index
 from mapmyworld.backend.information import Factorised
 from mapmyworld.backend.starts import with_places
 from mapmyworld.backend.system import System, residuals_of
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.geometry.rotations import so3_exp
 
@@ -33,7 +32,8 @@ def wraparound_starts(system: System, poses: Array, count: int) -> Iterator[Arra
     At most about `count`. In space, where a heading is not a number, loops are wound about three
     axes, both ways.
     """
-    weights = system.information[:, 2, 2] if system.planar else _spins(system.information)
+    turns = system.information[:, 2:3, 2:3] if system.planar else system.information[:, :3, :3]
+    weights = np.asarray(turns.trace(0, 1, 2) / turns.shape[1])  # of rotations, a number each
     solver, edges = _headings(system, weights), _asked(system)
     answers = [_solved(system, solver, _at(e, weights)) for e in edges]
     corrected, left = np.zeros(len(poses)), np.zeros(len(weights))
@@ -52,11 +52,6 @@ def wraparound_starts(system: System, poses: Array, count: int) -> Iterator[Arra
             return
         for turned in _turned(system, poses, corrected - (1 - 2 * sign) * _TURN * answers[k]):
             yield with_places(system, turned)
-
-
-def _spins(information: Array) -> Array:
-    """(E,) what the rotations of edges weigh, as one number each."""
-    return np.asarray(np.trace(information[:, :3, :3], axis1=1, axis2=2) / 3.0)
 
 
 def _turned(system: System, poses: Array, angles: Array) -> Iterator[Array]:

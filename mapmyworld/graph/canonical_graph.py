@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mapmyworld.backend.connected_components import Index
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar
 from mapmyworld.types import TRUSTED, Judged
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Priors, no_sightings
@@ -63,9 +62,6 @@ def canonical_order(edges: Edges) -> Index:
     return order
 
 
-def component_losses(component: Index) -> list[str]:
-    """A line where a graph has several components, from those (N,) of its nodes; else none."""
-    count = int(component.max(initial=0)) + 1
-    if count < 2:
-        return []
-    return [f"The graph has {count} components that no constraint connects."]
+def component_losses(count: int) -> list[str]:
+    """A line where a graph has several components; else none."""
+    return [f"The graph has {count} components that no constraint connects."] * (count > 1)

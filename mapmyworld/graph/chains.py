@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.backend.residuals import chi_squared_quantile
 from mapmyworld.config import GraphConfig
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.rigid import between, se3_adjoint
 from mapmyworld.graph.constraint_system import stated_system
 from mapmyworld.graph.graph_verdicts import judged
@@ -25,7 +25,6 @@ from mapmyworld.graph.solved_graph import SolvedGraph, solve
 from mapmyworld.parallel import batches
 from mapmyworld.types import Constraint, Judge, Judged, Node, Poses
 
-Index = NDArray[np.int64]
 _BLOCK = 4096  # nodes or motions that are worked on together, however long the log is
 _LONGEST = 16  # nodes of a chain, so that what is shared out along it is little
 

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from mapmyworld.backend.connected_components import Index, components
+from mapmyworld.backend.connected_components import components
 from mapmyworld.backend.information import information_of
 from mapmyworld.backend.predictions import Prediction, predictions
 from mapmyworld.backend.residuals import chi_squared_quantile
 from mapmyworld.backend.system import System, believed_edges
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.graph.consistency import Consistency, alternatives
 
 _NEAR = 30  # nodes of path between the ends of closures of one group, at most

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mapmyworld.backend.connected_components import Index, components
+from mapmyworld.backend.connected_components import components
 from mapmyworld.backend.starts import along_tree, spanning_tree
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import compose_planar, invert_planar, planar_adjoint, planar_log
 from mapmyworld.geometry.rigid import invert, se3_adjoint, se3_log
 

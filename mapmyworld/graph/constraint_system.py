@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.backend.connected_components import Index, held_nodes, positions
+from mapmyworld.backend.connected_components import held_nodes, positions
 from mapmyworld.backend.system import System, number_free
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar
 from mapmyworld.types import TRUSTED, Judged
 
@@ -46,13 +46,9 @@ def stated_system(
     ends = np.array([(c.from_id, c.to_id) for c in constraints], np.int64).reshape(-1, 2)
     places = by_id[positions(known[by_id], ends.ravel())].reshape(-1, 2)
     tails = np.where(ends[:, 0] == ends[:, 1], world, places[:, 0])
-    trusted = np.array([_is_trusted(c) for c in constraints], np.bool_)
+    # Motion, and what a person stated or judged.
+    trusted = np.array([c.kind in TRUSTED or c.is_by_hand for c in constraints], np.bool_)
     heads = np.ascontiguousarray(places[:, 1])  # or a kernel is compiled twice
     stays = held_nodes(world + 1, tails, heads, np.array([world]))
     system = System(planar, tails, heads, measured, information, number_free(stays))
     return StatedSystem(system, start, trusted, np.flatnonzero(stays))
-
-
-def _is_trusted(constraint: Judged) -> bool:
-    """Whether it is motion, or a person stated it or judged it."""
-    return constraint.kind in TRUSTED or constraint.is_by_hand

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.backend.connected_components import Index, positions
+from mapmyworld.backend.connected_components import positions
 from mapmyworld.backend.information import NotPositiveDefiniteError, information_of
 from mapmyworld.backend.predictions import predictions
 from mapmyworld.backend.system import System, chosen_edges
 from mapmyworld.errors import GraphError
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, covariance_from_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.problem import Problem, problem_of
@@ -67,7 +67,8 @@ def relative_pose(
     at = positions(graph.ids, np.array([from_id, to_id]))
     for node_id, index in zip((from_id, to_id), at, strict=True):
         if index < 0:
-            raise GraphError(f"the graph has no node {node_id}: it has {_span(graph.ids)}")
+            known = f"{graph.ids.min()} to {graph.ids.max()}"
+            raise GraphError(f"the graph has no node {node_id}: it has {known}")
     if problem.component[at[0]] != problem.component[at[1]]:
         raise GraphError(
             f"nothing links nodes {from_id} and {to_id}: they lie in separate components"
@@ -85,10 +86,6 @@ def relative_pose(
         carry = se3_adjoint(invert(whole))
         spread = spread + own + carry @ own @ carry.T
     return whole, spread
-
-
-def _span(ids: Index) -> str:
-    return f"{ids.min()} to {ids.max()}"
 
 
 def _solved(problem: Problem) -> Array:

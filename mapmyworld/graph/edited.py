@@ -90,9 +90,10 @@ def strained(
     """
     old = {k: m.sigmas for k, m in _residuals(*before, planar).items() if m.constraint.accepted}
     found = [
-        Strain(m.constraint, old[key], m.sigmas)
+        Strain(c, old[key], m.sigmas)
         for key, m in _residuals(*after, planar).items()
-        if key in old and m.sigmas > old[key] + _GREW and not _is_rejected_by_hand(m.constraint)
+        if key in old and m.sigmas > old[key] + _GREW
+        if (c := m.constraint).accepted or not c.is_by_hand
     ]
     return sorted(found, key=lambda one: (not one.constraint.is_by_hand, one.before - one.after))
 
@@ -103,10 +104,6 @@ def _residuals(
     keyed = _by_key(constraints)
     residuals = residuals_against(list(keyed.values()), poses, planar)
     return {k: m for k, m in zip(keyed, residuals, strict=True) if m is not None}
-
-
-def _is_rejected_by_hand(constraint: Judged) -> bool:
-    return constraint.is_by_hand and not constraint.accepted
 
 
 def contradiction(residual: ConstraintResidual, fought: Sequence[Strain]) -> str:

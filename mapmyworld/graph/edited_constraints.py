@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -80,17 +80,13 @@ def resolve_pins(edits: Sequence[Edit], poses: Poses) -> tuple[Edit, ...]:
 def edits_to_json(edits: Sequence[Edit]) -> list[dict[str, Any]]:
     """Plain values for the store."""
     return [
-        {
-            "action": str(e.action),
-            "from": e.from_id,
-            "to": e.to_id,
-            "reason": e.reason,
-            "kind": e.kind,
-            "motion": None if e.motion is None else np.asarray(e.motion).tolist(),
-            "covariance": None if e.covariance is None else np.asarray(e.covariance).tolist(),
-        }
-        for e in edits
+        {name.removesuffix("_id"): _plain(value) for name, value in asdict(edit).items()}
+        for edit in edits
     ]
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def edits_from_json(value: Sequence[Mapping[str, Any]] | None) -> tuple[Edit, ...]:
@@ -102,8 +98,7 @@ def edits_from_json(value: Sequence[Mapping[str, Any]] | None) -> tuple[Edit, ..
             int(item["to"]),
             item["reason"],
             item["kind"],
-            None if item["motion"] is None else np.array(item["motion"]),
-            None if item["covariance"] is None else np.array(item["covariance"]),
+            *(item[k] and np.array(item[k]) for k in ("motion", "covariance")),
         )
         for item in value or ()
     )

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.information import NotPositiveDefiniteError
@@ -35,21 +34,21 @@ def grown_start(graph: PoseGraph, system: System, chain: Array) -> Array:
     count = len(graph)
     step = max(_SHORTEST, -(-count // _PARTS))
     nodes = chain.copy()
-    places = np.zeros((0, *chain.shape[1:]))
-    seen = np.zeros(len(graph.landmark_ids), np.bool_)
+    places = np.zeros((len(graph.landmark_ids), *chain.shape[1:]))
+    seen = np.zeros((len(places), *[1] * (chain.ndim - 1)), np.bool_)
     last = 0
     while last < count:
         first, last = last, min(count, last + step)
         if first:
             nodes[first:last] = _continued(graph.planar, nodes[first - 1], chain, first, last)
         fresh = first_places(graph.planar, nodes, graph.ids, graph.landmark_ids, graph.sightings)
-        places = np.where(_widened(seen, fresh), places, fresh) if first else fresh
+        places = np.where(seen, places, fresh)
         poses = np.concatenate([nodes, places])
         known = np.zeros(len(poses), np.bool_)
         known[:last] = known[count] = True
         inside = known[system.tails]
         known[system.heads[inside & (system.heads > count)]] = True
-        seen = known[count + 1 :]
+        seen = known[count + 1 :].reshape(seen.shape)
         used = inside & known[system.heads]
         free = number_free(~known | (system.free < 0))
         part = replace(chosen_edges(system, used), free=free)
@@ -63,10 +62,6 @@ def _continued(planar: bool, before: Array, chain: Array, first: int, last: int)
     if planar:
         return compose_planar(before, between_planar(chain[first - 1], chain[first:last]))
     return np.asarray(before @ between(chain[first - 1], chain[first:last]))
-
-
-def _widened(mask: NDArray[np.bool_], like: Array) -> NDArray[np.bool_]:
-    return mask.reshape(-1, *([1] * (like.ndim - 1)))
 
 
 def first_start(problem: Problem) -> tuple[str, Array]:

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mapmyworld.backend.connected_components import Index
 from mapmyworld.backend.residuals import edge_residuals
 from mapmyworld.backend.system import System
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import planar_exp
 from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.geometry.rotations import rotation_angle

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.backend.connected_components import Index, components
+from mapmyworld.backend.connected_components import components
 from mapmyworld.backend.information import NotPositiveDefiniteError, information_of
 from mapmyworld.backend.predictions import predictions
 from mapmyworld.backend.system import System, believed_edges, chosen_edges, edge_chi2
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.graph.clusters import HEAVY, allowed, chance_of
 from mapmyworld.graph.consistency import alternatives
 

@@ -12,14 +12,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.graph.graph_verdicts import faults_of
 from mapmyworld.parallel import batches
 from mapmyworld.types import Constraint, ConstraintKind, Judged, Node, Poses, TrackedFrames
 
-Index = NDArray[np.int64]
 _BLOCK = 256  # chains that are composed together: what that takes does not grow with the log
 
 

@@ -7,11 +7,11 @@ from itertools import accumulate
 
 import numpy as np
 
-from mapmyworld.backend.connected_components import Index, components, held_nodes, positions
+from mapmyworld.backend.connected_components import components, held_nodes, positions
 from mapmyworld.backend.landmarks import as_edges
 from mapmyworld.backend.system import System, number_free
 from mapmyworld.errors import GraphError
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.graph.canonical_graph import canonical_order
 from mapmyworld.types.pose_graph import Edges, PoseGraph
 

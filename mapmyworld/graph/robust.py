@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.backend.connected_components import Index, held_nodes
+from mapmyworld.backend.connected_components import held_nodes
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.factors import with_factors
 from mapmyworld.backend.graduated import graduate
@@ -16,7 +16,7 @@ from mapmyworld.backend.residuals import chi_squared_quantile
 from mapmyworld.backend.starts import chordal_start
 from mapmyworld.backend.system import System, believed_edges, chosen_edges, edge_chi2
 from mapmyworld.config import GraphConfig
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.graph.clusters import groups_of, judge_groups
 from mapmyworld.graph.consistency import Consistency, compare_closures, reckon
 from mapmyworld.graph.inlier_recovery import recoverable
@@ -44,10 +44,6 @@ class RobustSolution:
     """(K,) positions of the edges that were questioned."""
     consistency: Consistency
     """Of these closures."""
-
-    def moved(self, poses: Array, chi2: Array) -> RobustSolution:
-        """The same verdicts at other `poses` (N, 3 or 4, 4), where edges have `chi2` (E,)."""
-        return replace(self, poses=poses, chi2=chi2)
 
     @staticmethod
     def untouched(system: System, poses: Array, trusted: NDArray[np.bool_]) -> RobustSolution:

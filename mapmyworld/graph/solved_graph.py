@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.backend.certificate import certify, proof_of
-from mapmyworld.backend.connected_components import Index, components
+from mapmyworld.backend.connected_components import components
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.system import System, believed_edges, edge_chi2, fit_of
 from mapmyworld.config import GraphConfig
 from mapmyworld.decisions import decided
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.graph.constraint_system import StatedSystem, stated_system
 from mapmyworld.graph.covariance import marginal_covariances, spatial_covariances
@@ -56,8 +56,9 @@ def solve(
     """
     config = config or GraphConfig()
     constraints = [c.before(Judge.GRAPH) for c in constraints]
-    order = _nodes_first(np.asarray(ids, np.int64))
-    known = np.asarray(ids, np.int64)[order]
+    known = np.asarray(ids, np.int64)
+    order = np.lexsort((np.abs(known), known < 0))  # nodes, then landmarks
+    known = known[order]
     guess = np.asarray(initial, np.float64).reshape(-1, 4, 4)[order]
     nodes = set(known.tolist())
     faults = faults_of(constraints, nodes)
@@ -85,11 +86,6 @@ def _covariances(system: System, solution: RobustSolution, count: int) -> Array 
     return None if found is None else spatial_covariances(system.planar, found[:count])
 
 
-def _nodes_first(ids: Index) -> Index:
-    """Positions that put nodes by id first, then landmarks by absolute id."""
-    return np.lexsort((np.abs(ids), ids < 0)).astype(np.int64)
-
-
 def _solved(stated: StatedSystem, config: GraphConfig) -> RobustSolution:
     system, start = stated.system, stated.start
     trusted = stated.trusted if config.robust else np.ones_like(stated.trusted)
@@ -98,7 +94,7 @@ def _solved(stated: StatedSystem, config: GraphConfig) -> RobustSolution:
     solution = solve_robustly(system, start, stated.anchors, trusted, config)
     part = believed_edges(system, solution.inliers)
     poses = optimised_roughly(part, solution.poses, config.tolerance)
-    return solution.moved(poses, edge_chi2(system, poses))
+    return replace(solution, poses=poses, chi2=edge_chi2(system, poses))
 
 
 def _log_solution(nodes: int, solution: RobustSolution, cost: float, statement: str) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Index
 from mapmyworld.kernels.compiling import jit
 
 Floats = NDArray[np.float64]
-Index = NDArray[np.int64]
 Small = NDArray[np.int32]
 _TOGETHER = 48  # rows: neighbours reach nearly the same columns, and a processor works on several
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.kernels.laser_motion import (
     between_poses,
@@ -18,7 +18,6 @@ from mapmyworld.kernels.laser_motion import (
 from mapmyworld.kernels.scan_alignment import Rows, align, invert3
 from mapmyworld.kernels.wheel_model import anchor, learn, reckon, reckoned_variances
 
-Index = NDArray[np.int64]
 _MEMORY = 0.95  # weight of the past in the running mean of disagreements
 _LARGEST = 9.0  # that one disagreement may teach, times its variance
 _FAINT = 1e-3  # information that keeps an open direction finite

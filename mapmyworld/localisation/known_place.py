@@ -14,7 +14,7 @@ from mapmyworld.errors import MapError
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
 from mapmyworld.kernels.map_search import cast_rays
-from mapmyworld.places.whole_map import WholeMap, map_of_grid
+from mapmyworld.places.whole_map import WholeMap
 from mapmyworld.registration.scan_matching import (
     PreparedScan,
     ScanSet,
@@ -22,7 +22,7 @@ from mapmyworld.registration.scan_matching import (
     prepare_scans,
     scan_set,
 )
-from mapmyworld.registration.scan_search import APART
+from mapmyworld.registration.scan_search import APART, occupancy_evidence
 from mapmyworld.types import MapStore, OccupancyGrid, Scan
 
 _RAYS = np.arange(-np.pi, np.pi, np.radians(1.0))
@@ -81,7 +81,9 @@ def known_place_from_grid(grid: OccupancyGrid, config: Config) -> KnownPlace:
 def _known_place(grid: OccupancyGrid, scans: ScanSet, poses: Array) -> KnownPlace:
     if len(scans) == 0:
         raise MapError("the map's grid has no occupied cell beside a free one to localise with")
-    return KnownPlace(grid.resolution, map_of_grid(grid), scans, poses, cKDTree(poses[:, :2]))
+    return KnownPlace(
+        grid.resolution, WholeMap(*occupancy_evidence(grid)), scans, poses, cKDTree(poses[:, :2])
+    )
 
 
 def _spaced_scans(store: MapStore, config: Config) -> tuple[Array, ScanSet]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.kernels.scan_tracking import (
     chosen_keyframes,
     is_new,
@@ -27,7 +27,6 @@ from mapmyworld.registration.scan_matching import (
 )
 from mapmyworld.registration.scan_search import Submap
 
-Index = NDArray[np.int64]
 Ring = tuple[NDArray[np.float32], Index, Array, Array, Index, Index]
 """Rows, counts, origins, poses, newest and places of keyframes."""
 _BACK = np.array([1, 3, 8])  # how many keyframes back the targets of a match lie

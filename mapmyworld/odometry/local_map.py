@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.rigid import between, transform_points
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.registration.views import View
 
 _NEAREST = 20  # keyframes whose points are looked for
 _KEPT = 200  # keyframes that are remembered
-Indices = NDArray[np.int64]
 
 
 @dataclass(slots=True, eq=False)
@@ -25,7 +23,7 @@ class Keyframe:
     map_from_camera: Array
     """(4, 4)."""
     view: View
-    point_of: Indices
+    point_of: Index
     """(N,) slots of points, one for each feature of the view."""
 
 
@@ -40,7 +38,7 @@ class LocalMap:
         self._known = np.zeros(0)  # 1/m^2, of each point's place
         self._sightings = np.zeros(0, np.int64)  # by keyframes; 0 = slot free
 
-    def near(self, map_from_camera: Array) -> Indices:
+    def near(self, map_from_camera: Array) -> Index:
         """(K,) ascending indices of the points that keyframes close to this pose (4, 4) saw."""
         if not self.keyframes:
             return np.zeros(0, np.int64)
@@ -54,7 +52,7 @@ class LocalMap:
             seen[self.keyframes[k].point_of] = True
         return np.flatnonzero(seen[:-1])
 
-    def add_keyframe(self, map_from_camera: Array, view: View, point_of: Indices) -> Keyframe:
+    def add_keyframe(self, map_from_camera: Array, view: View, point_of: Index) -> Keyframe:
         """A new keyframe with the points its features were matched to; others with depth are new.
 
         A point lies where its sightings with depth have it in the mean, weighed by how well each
@@ -79,13 +77,13 @@ class LocalMap:
             self._forget(self.keyframes.pop(0))
         return keyframe
 
-    def _average(self, slots: Indices, seen: Array, known: Array) -> None:
+    def _average(self, slots: Index, seen: Array, known: Array) -> None:
         """Points moved to where they were seen (K, 3) once more, known so well (K,)."""
         self._known[slots] += known
         share = known / self._known[slots]
         self.points[slots] += share[:, None] * (seen - self.points[slots])
 
-    def _free_slots(self, count: int) -> Indices:
+    def _free_slots(self, count: int) -> Index:
         free = np.flatnonzero(self._sightings == 0)[:count]
         missing = count - len(free)
         if missing > 0:

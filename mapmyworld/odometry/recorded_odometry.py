@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import so3_log
 from mapmyworld.kernels.laser_motion import motion_variances
 
@@ -31,17 +30,3 @@ def motion_covariance(a_from_b: NDArray[np.float64], *, planar: bool) -> NDArray
     if planar:
         variances[[0, 1, 5]] = _FLOOR**2
     return np.diag(variances)
-
-
-class RecordedMotionModel:
-    """The motion between successive odometry poses of a log, and how confident it is."""
-
-    def __init__(self, *, planar: bool) -> None:
-        self._planar = planar
-        self._last: NDArray[np.float64] | None = None
-
-    def follow(self, odom_from_base: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Covariance (6, 6), rotation first, of the motion to this pose (4, 4) from the last."""
-        moved = np.eye(4) if self._last is None else between(self._last, odom_from_base)
-        self._last = odom_from_base
-        return motion_covariance(moved, planar=self._planar)

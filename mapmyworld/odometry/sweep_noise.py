@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import OdometryConfig
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
 from mapmyworld.kernels.wheel_model import MOVES
 from mapmyworld.types import Node, TrackedFrames
 
-Index = NDArray[np.int64]
 SIGMAS_PER_MEDIAN = 1.4826
 """Standard deviations of a normal distribution in a median of absolute deviations."""
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.rigid import between, invert, se3_log, transform_points
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.odometry.local_map import Keyframe, LocalMap
@@ -38,7 +37,6 @@ from mapmyworld.registration.views import (
 from mapmyworld.types import Frame, RgbdImage
 
 _KEYFRAME_SHARE = 0.7  # of the last keyframe's points; fewer seen make a new one
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +94,7 @@ class VisualTracker:
         if view is None or len(view) == 0:
             return self._blind(frame, predicted, how, "no image with features")
         base_from_camera = view.camera.base_from_camera
-        can_start = deep_features(view) >= self._least
+        can_start = np.count_nonzero(np.isfinite(view.seen[:, 2])) >= self._least  # with depth
         if self._reference is None and can_start:
             return self._start(frame, view, predicted, "first", ())
         found = self._locate(view, predicted @ base_from_camera)
@@ -162,7 +160,7 @@ class VisualTracker:
             return self._filter.predict(seconds, turn), "gyroscope"
         return self._filter.predict(seconds), "constant velocity"
 
-    def _locate(self, view: View, predicted: Array) -> tuple[Array, Array, Indices] | None:
+    def _locate(self, view: View, predicted: Array) -> tuple[Array, Array, Index] | None:
         """map_from_camera, its information, and the point each feature is; None when lost."""
         ids = self._map.near(predicted)
         for radius in (SEARCH_RADIUS, 3.0 * SEARCH_RADIUS):
@@ -176,7 +174,7 @@ class VisualTracker:
             return None
         return self._optimised(view, pose)
 
-    def _optimised(self, view: View, pose: Array) -> tuple[Array, Array, Indices] | None:
+    def _optimised(self, view: View, pose: Array) -> tuple[Array, Array, Index] | None:
         """Looks again around a good pose, for more points, and refines on all that agree."""
         settings = self._config.visual
         ids = self._map.near(pose)
@@ -193,8 +191,8 @@ class VisualTracker:
         return pose, information, point_of
 
     def _look(
-        self, view: View, ids: Indices, pose: Array, radius: float
-    ) -> tuple[Sightings, tuple[Indices, Indices]]:
+        self, view: View, ids: Index, pose: Array, radius: float
+    ) -> tuple[Sightings, tuple[Index, Index]]:
         """Sightings of map points near where `pose` expects them; their features and points."""
         points = self._map.points[ids]
         local = transform_points(invert(pose), points)
@@ -238,11 +236,6 @@ class VisualTracker:
             or float(np.linalg.norm(motion[:3, 3])) > settings.keyframe_distance
             or float(rotation_angle(motion)) > settings.keyframe_angle
         )
-
-
-def deep_features(view: View) -> int:
-    """How many features have depth."""
-    return int(np.count_nonzero(np.isfinite(view.seen[:, 2])))
 
 
 def view_of_frame(frame: Frame, config: Config) -> View | None:

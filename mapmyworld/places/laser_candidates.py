@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mapmyworld.config import Config
-from mapmyworld.places.laser_nodes import Index, LaserNodes, calm_spots
+from mapmyworld.geometry import Index
+from mapmyworld.places.laser_nodes import LaserNodes, calm_spots
 from mapmyworld.types import Judged, ScanMatch
 
 Pairs = list[tuple[int, int]]

@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
 from mapmyworld.odometry.pose_hypotheses import FEWEST
 from mapmyworld.odometry.unobserved_motion import FARTHEST
 from mapmyworld.places.path_drift import PathDrift, fault_variances, stated_variances
 from mapmyworld.places.stored_scans import Scans, StoredScans
 from mapmyworld.types import MapStore, Node, Poses
-
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,17 +6,15 @@ import functools
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import information_to_planar
 from mapmyworld.odometry.pose_hypotheses import FAULT_SIZE
 from mapmyworld.odometry.unobserved_motion import FARTHEST
 from mapmyworld.types import ConstraintKind, Judged
 
-Index = NDArray[np.int64]
 NO_PAIRS = np.zeros((0, 2), np.int64)
 SIGMAS = 3.0  # of what is stated: as far as drift is searched
 

@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -28,7 +28,7 @@ from mapmyworld.odometry.pose_hypotheses import FAULT, FAULT_SIZE
 from mapmyworld.odometry.tracking_losses import UNKNOWN
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_closures import closure_information
-from mapmyworld.places.laser_nodes import Index, LaserNodes
+from mapmyworld.places.laser_nodes import LaserNodes
 from mapmyworld.places.laser_submaps import match_members, submap_of
 from mapmyworld.places.whole_map import SETTLED, WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import (

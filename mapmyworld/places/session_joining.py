@@ -17,14 +17,14 @@ import numpy as np
 
 from mapmyworld.config import Config
 from mapmyworld.decisions import decided
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
     invert_planar,
 )
 from mapmyworld.places.laser_candidates import SLACK
-from mapmyworld.places.laser_nodes import Index, LaserNodes, spaced
+from mapmyworld.places.laser_nodes import LaserNodes, spaced
 from mapmyworld.places.laser_submaps import place_around
 from mapmyworld.places.whole_map import SETTLED, WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import Agreement, Place

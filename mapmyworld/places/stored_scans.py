@@ -11,14 +11,13 @@ from threading import Lock
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import RegistrationConfig
+from mapmyworld.geometry import Index
 from mapmyworld.parallel import batches
 from mapmyworld.registration.scan_matching import ScanSet, prepare_scans, scan_set
 from mapmyworld.types import MapStore
 
-Index = NDArray[np.int64]
 BLOCK = 256
 """Scans that are made ready together."""
 _HELD = 32  # blocks that are held, about an hour of driving

@@ -16,7 +16,6 @@ from mapmyworld.registration.scan_search import (
     Submap,
     evidence_grid,
     judged_points,
-    occupancy_evidence,
     scored_points,
     search_about,
     search_elsewhere,
@@ -24,7 +23,6 @@ from mapmyworld.registration.scan_search import (
     seen_from_one_side,
     spread_points,
 )
-from mapmyworld.types import OccupancyGrid
 
 SETTLED = 0.2, 0.03
 """Metres and radians by which a place may be off in a solved map, beside its drift."""
@@ -122,8 +120,3 @@ def map_of_scans(submap: Submap) -> WholeMap:
     """The map that scans make."""
     grid = evidence_grid(submap)
     return WholeMap(spread_points(submap.points, grid.resolution), grid)
-
-
-def map_of_grid(grid: OccupancyGrid) -> WholeMap:
-    """A finished map's grid, from whatever program."""
-    return WholeMap(*occupancy_evidence(grid))

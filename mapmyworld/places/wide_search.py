@@ -11,8 +11,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Index
 from mapmyworld.places.laser_candidates import MOST, NEAR
-from mapmyworld.places.laser_nodes import Index, LaserNodes, NodeScans, calm_spots, sessions_of
+from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, calm_spots, sessions_of
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}

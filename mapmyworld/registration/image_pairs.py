@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.rigid import invert, se3_adjoint, transform_points
 from mapmyworld.registration.camera_pose import (
     LEAST_SHARE,
@@ -27,7 +27,6 @@ from mapmyworld.registration.views import (
 )
 from mapmyworld.types import Judge, Registration, Verdict, Why
 
-Indices = NDArray[np.int64]
 _LARGEST_TRANSLATION = 0.065  # m, no closure is less certain: three sigma are 0.2 m
 _LARGEST_ROTATION = 0.006  # rad, no closure is less certain: three sigma are a degree
 _CORRELATED = 2.0  # features of one image err alike: each is worth half of what it seems
@@ -41,9 +40,9 @@ class ImagePair:
 
     registration: Registration
     """a_from_b of the bases; information rotation first."""
-    features_a: Indices
+    features_a: Index
     """(M,) matched features of a."""
-    features_b: Indices
+    features_b: Index
     """(M,) their partners in b."""
     agreed: NDArray[np.bool_]
     """(M,) whether a match agrees with the motion."""
@@ -93,7 +92,7 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
 
 def match_by_pose(
     a: View, b: View, points: Array, a_from_b: Array, radius: float | Array
-) -> tuple[Indices, Indices]:
+) -> tuple[Index, Index]:
     """Features of a with depth, and partners in b near where the motion expects them, (M,) both.
 
     `points` (N, 3) of a's features are in a's base frame, `a_from_b` (4, 4) is of the bases and
@@ -109,7 +108,7 @@ def match_by_pose(
 
 def _judged(
     b: View,
-    matched: tuple[Indices, Indices, NDArray[np.bool_]],
+    matched: tuple[Index, Index, NDArray[np.bool_]],
     pose: Array,
     information: Array,
     sightings: Sightings,
@@ -176,6 +175,6 @@ def _uncertainty(sigmas: list[float]) -> Verdict | None:
     return None
 
 
-def _failed(mine: Indices, theirs: Indices, verdict: Verdict) -> ImagePair:
+def _failed(mine: Index, theirs: Index, verdict: Verdict) -> ImagePair:
     nothing = Registration(np.eye(4), 1e-6 * np.eye(6), verdict)  # indicates nothing
     return ImagePair(nothing, mine, theirs, np.zeros(len(mine), np.bool_), False, np.inf, np.inf)

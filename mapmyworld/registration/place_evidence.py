@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import invert_planar
 from mapmyworld.registration.scan_matching import PreparedScan, scan_set
 from mapmyworld.registration.scan_search import (
@@ -22,7 +21,6 @@ from mapmyworld.registration.scan_search import (
     lie_on_a_line,
 )
 
-Index = NDArray[np.int64]
 FORTH = 0.3
 """Share of the evidence that a search must find in the points of the later place."""
 _UNSEEN = 0.25  # weight of what one view knows of another and its second best does not

@@ -139,7 +139,8 @@ def _lay(
         solve_and_judge(scratch, config, progress, scans, since=item.first_id + 1)
     mine = [c for c in scratch.constraints() if item.first_id < max(c.from_id, c.to_id)]
     across = [c for c in mine if 0 < min(c.from_id, c.to_id) <= item.first_id]
-    accepted, against = sum(c.accepted for c in across), sum(map(_contradicts, across))
+    accepted = sum(c.accepted for c in across)
+    against = sum(any(v.why is Why.CONTRADICTS for v in c.verdicts) for c in across)
     if against > _CONTRADICTING * (accepted + against):
         return None
     solved = scratch.get("solve") or {}
@@ -148,10 +149,6 @@ def _lay(
     reported = str(solved.get("certainty", "")), tuple(contradictions_of(solved))
     divides = tuple(i for i in solved.get("divides", ()) if i > item.first_id)
     return _Laid(item, poses, tuple(mine), accepted, *reported, divides)
-
-
-def _contradicts(closure: Judged) -> bool:
-    return any(verdict.why is Why.CONTRADICTS for verdict in closure.verdicts)
 
 
 def _held_poses(scratch: MapStore, skeleton: SessionMap, base: SessionMap, item: Placed) -> Poses:
@@ -200,7 +197,9 @@ def _write(
         store.add_constraints(as_found(laid.constraints))
     with store.extend_stage("optimise", inputs):
         store.judge((*judged, *laid.constraints))
-        store.set_poses(_both(before, laid.poses))
+        landmarks = before.ids < 0  # which come last
+        nodes_first = before.chosen(~landmarks).followed_by(laid.poses, before.chosen(landmarks))
+        store.set_poses(nodes_first)
         own = session_map.store.tracked_frames()
         own = replace(own, node_ids=own.node_ids + laid.item.first_id)
         nodes = [node for node in store.nodes() if node.id > laid.item.first_id]
@@ -212,12 +211,6 @@ def _write(
         note_solution(store, laid.certainty, losses, notes, divides, noise)
     with store.extend_stage("map", inputs):
         _draw(store, session_map, fresh, config, progress)
-
-
-def _both(before: Poses, new: Poses) -> Poses:
-    """Nodes by id, landmarks behind them."""
-    landmarks = before.ids < 0
-    return before.chosen(~landmarks).followed_by(new, before.chosen(landmarks))
 
 
 def _draw(

@@ -12,6 +12,7 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.decisions import decided, decided_on
 from mapmyworld.graph.audit import ConstraintResidual
+from mapmyworld.graph.canonical_graph import component_losses
 from mapmyworld.graph.chains import solve_by_chains
 from mapmyworld.graph.edited import Strain, contradicted, contradiction, strained
 from mapmyworld.graph.edited_constraints import apply_edits, edits_from_json, unmet
@@ -135,11 +136,9 @@ def _component_losses(
 ) -> list[str]:
     """What divides the map, where nothing recognised joins its components again."""
     count = len(components_of(constraints, poses, divides))
-    if count < 2:
-        return []
-    if not divides:
-        return [f"The graph has {count} components that no constraint connects."]
-    return [f"Tracking was lost. The map has {count} components with unknown relative pose."]
+    if count > 1 and divides:
+        return [f"Tracking was lost. The map has {count} components with unknown relative pose."]
+    return component_losses(count)
 
 
 def _unrecognised_notes(

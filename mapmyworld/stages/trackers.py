@@ -10,7 +10,8 @@ import numpy as np
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import covariance_from_planar, planar_to_matrix
-from mapmyworld.odometry.recorded_odometry import RecordedMotionModel
+from mapmyworld.geometry.rigid import between
+from mapmyworld.odometry.recorded_odometry import motion_covariance
 from mapmyworld.parallel import batches
 from mapmyworld.sensing import Plan
 from mapmyworld.stages.nodes import Motion
@@ -57,13 +58,14 @@ class WheelFollower(Tracker):
     """Believes the recorded odometry."""
 
     def __init__(self, plan: Plan) -> None:
-        self._model = RecordedMotionModel(planar=plan.planar)
+        self._planar = plan.planar
 
     def follow(self, frames: Iterable[Frame]) -> Followed:
+        before = None
         for frame in frames:
-            if frame.odom_from_base is not None:
-                covariance = self._model.follow(frame.odom_from_base)
-                yield frame, Motion(frame.odom_from_base, covariance, Odometry())
+            if (pose := frame.odom_from_base) is not None:
+                moved, before = np.eye(4) if before is None else between(before, pose), pose
+                yield frame, Motion(pose, motion_covariance(moved, planar=self._planar), Odometry())
 
 
 class CameraFollower(Tracker):

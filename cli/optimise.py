@@ -74,7 +74,7 @@ def optimise(
         why = problems[0] if problems else "nothing to optimise"
         raise GraphError(f"{path}: the graph has no nodes: {why}")
     solved = _timed(graph, robust, config.graph, seconds)
-    from mapmyworld.graph.canonical_graph import component_losses
+    from mapmyworld.graph.solved_graph import component_losses
 
     facts = {"file": str(path), **_facts(graph, solved)}
     losses = [*problems, *component_losses(facts["components"])]

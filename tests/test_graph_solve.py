@@ -7,8 +7,7 @@ import pytest
 
 from mapmyworld.geometry.planar import information_from_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, se3_exp
-from mapmyworld.graph.canonical_graph import component_losses
-from mapmyworld.graph.solved_graph import solve
+from mapmyworld.graph.solved_graph import component_losses, solve
 from mapmyworld.types import ConstraintKind, Judged
 from mapmyworld.types.wording import reason_of
 

@@ -1,4 +1,4 @@
-"""Pose graphs from constraints; their canonical form and their connected components."""
+"""Pose graphs from constraints, and their canonical form."""
 
 from __future__ import annotations
 
@@ -60,8 +60,3 @@ def canonical_order(edges: Edges) -> Index:
         flat = edges.i_from_j.reshape(len(edges), -1).T
         order = np.lexsort((*flat, edges.to_ids, edges.from_ids))
     return order
-
-
-def component_losses(count: int) -> list[str]:
-    """A line where a graph has several components; else none."""
-    return [f"The graph has {count} components that no constraint connects."] * (count > 1)

@@ -106,3 +106,10 @@ def _log_solution(nodes: int, solution: RobustSolution, cost: float, statement: 
 def _certainty(solution: RobustSolution) -> str:
     agreeing = int(solution.consistency.clique.sum())
     return f"{agreeing} closures agree with a neighbouring closure."
+
+
+def component_losses(count: int) -> list[str]:
+    """A line where a graph has several components; else none."""
+    if count < 2:
+        return []
+    return [f"The graph has {count} components that no constraint connects."]

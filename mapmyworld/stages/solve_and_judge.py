@@ -12,12 +12,11 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.decisions import decided, decided_on
 from mapmyworld.graph.audit import ConstraintResidual
-from mapmyworld.graph.canonical_graph import component_losses
 from mapmyworld.graph.chains import solve_by_chains
 from mapmyworld.graph.edited import Strain, contradicted, contradiction, strained
 from mapmyworld.graph.edited_constraints import apply_edits, edits_from_json, unmet
 from mapmyworld.graph.frame_poses import pose_every_frame
-from mapmyworld.graph.solved_graph import SolvedGraph
+from mapmyworld.graph.solved_graph import SolvedGraph, component_losses
 from mapmyworld.graph.variance import variance_factors
 from mapmyworld.map_figures import components_of
 from mapmyworld.parallel import on_one_thread

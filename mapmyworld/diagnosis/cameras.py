@@ -98,9 +98,7 @@ def _floor(images: list[RgbdImage], scale: float, config: Config) -> Iterator[Fi
         f"the floor is tilted by {tilt:.1f} deg and lies {height:+.3f} m high "
         f"({np.count_nonzero(lie_on)} points)"
     )
-    suggestion = (
-        "" if good else "correct the camera's mount (tf, or sensing.camera_mount) by as much"
-    )
+    suggestion = "correct the camera's mount (tf, or sensing.camera_mount) by as much"
     yield Finding("floor tilt", tilt, "deg", good, text, suggestion)
 
 

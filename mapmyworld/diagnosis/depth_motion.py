@@ -51,9 +51,7 @@ def depth_motion_findings(
         f"depth measures {scale:.3f} of the distance that odometry reports "
         f"({len(ratios)} pairs of images)"
     )
-    suggestion = (
-        "" if good else f"{unit_suggestion(scale)}, unless the odometry's distances are wrong"
-    )
+    suggestion = f"{unit_suggestion(scale)}, unless the odometry's distances are wrong"
     yield Finding(DEPTH_SCALE, scale, "", good, text, suggestion)
 
 

@@ -77,9 +77,7 @@ def alignment_findings(images: Sequence[RgbdImage]) -> Iterator[Finding]:
     pixels = images[0].camera.width / (2.0 * found.reach)
     size = found.size * pixels
     good = size < _OFF * images[0].camera.width
-    suggestion = (
-        "" if good else "register depth to colour (depth_registration), or calibrate the pair"
-    )
+    suggestion = "register depth to colour (depth_registration), or calibrate the pair"
     text = (
         f"depth is shifted by {found.across * pixels:+.0f}, {found.down * pixels:+.0f} pixels "
         f"against colour and scaled by {found.scale:.2f} ({len(seen)} images)"

@@ -79,7 +79,7 @@ def mount_findings(
     count = f"{len(both)} points of {len(pairs)} images"
     good = abs(scale - 1.0) < _SCALE_OFF
     text = f"depth is {scale:.3f} of the laser's ({count})"
-    yield Finding(DEPTH_SCALE, scale, "", good, text, "" if good else unit_suggestion(scale))
+    yield Finding(DEPTH_SCALE, scale, "", good, text, unit_suggestion(scale))
     yield _mounts(found if aligned else None, apart, count)
 
 
@@ -96,7 +96,7 @@ def _mounts(found: Agreement | None, apart: float, count: str) -> Finding:
             f"; {found.apart:.3f} m with the laser moved by {moved} and turned by "
             f"{np.degrees(found.turn):+.1f} deg, or the camera the other way"
         )
-    return Finding("scan against depth", apart, "m", good, text, "" if good else suggestion)
+    return Finding("scan against depth", apart, "m", good, text, suggestion)
 
 
 def unit_suggestion(scale: float) -> str:

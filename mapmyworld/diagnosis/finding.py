@@ -21,3 +21,7 @@ class Finding:
     """What was found, and from how much."""
     suggestion: str = ""
     """What to do; empty where all is well."""
+
+    def __post_init__(self) -> None:
+        if self.good:
+            object.__setattr__(self, "suggestion", "")

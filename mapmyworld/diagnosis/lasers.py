@@ -113,9 +113,9 @@ def _matched(
     prepared = prepare_scans([scan for scan in scans if scan is not None], config)
     moves, reported = np.full((len(pairs), 3), np.nan), np.zeros(len(pairs))
     guess = np.zeros(3)
-    for i, (before, now) in enumerate(pairs):
-        if before.odom_from_base is not None and now.odom_from_base is not None:
-            guess = matrix_to_planar(between(before.odom_from_base, now.odom_from_base))
+    for i, step in enumerate(_odometry_steps(pairs)):
+        if not np.isnan(step[0]):
+            guess = step
         which, at_origin = np.array([i], np.int64), np.zeros((len(prepared), 3))
         match = match_scan(
             prepared.one(i + 1), prepared, which, at_origin[:1], guess, config, max_distances=COARSE
@@ -166,7 +166,7 @@ def distance_scale(steps: Array, moves: Array) -> Iterator[Finding]:
         f"scan matching measures {scale:.3f} of the distance that odometry reports "
         f"({usable.sum()} straight steps, {distance[usable].sum():.1f} m)"
     )
-    suggestion = "" if good else f"correct the wheel radius by a factor of {scale:.3f}"
+    suggestion = f"correct the wheel radius by a factor of {scale:.3f}"
     yield Finding("odometry scale", scale, "", good, text, suggestion)
 
 

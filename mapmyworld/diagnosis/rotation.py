@@ -51,9 +51,7 @@ def time_offset(
         f"({len(turns)} pairs of rotations{doubt})"
     )
     suggestion = (
-        ""
-        if good
-        else "correct the stamps where they are made (driver latency, clock synchronisation), or "
+        "correct the stamps where they are made (driver latency, clock synchronisation), or "
         f"set sensing.{_SETTINGS[names[1]]} = {-offset:.3f}"
     )
     return Finding(f"time offset of {names[1]} to {names[0]}", offset, "s", good, text, suggestion)
@@ -98,7 +96,7 @@ def _backwards(names: tuple[str, str], pairs: int) -> Finding:
 def _none_seen(names: tuple[str, str], pairs: int) -> Finding:
     name = f"time offset of {names[1]} to {names[0]}"
     text = f"no time offset between {names[1]} and {names[0]} detected ({pairs} pairs)"
-    return Finding(name, 0.0, "s", True, text, "")
+    return Finding(name, 0.0, "s", True, text)
 
 
 def _error(starts: Array, ends: Array, turns: Array, clock: tuple[Array, Array]) -> float:

@@ -19,8 +19,6 @@ from mapmyworld.types import OccupancyGrid
 
 Mode = Literal["trinary", "scale", "raw"]
 _OCCUPIED, _FREE, _UNKNOWN = 0, 254, 205
-# What map_saver states: 205 reads as p = 0.196078, which must lie above the free threshold.
-_OCCUPIED_THRESHOLD, _FREE_THRESHOLD = 0.65, 0.196
 _MAX_CELLS = 1 << 28
 _MOST_PACKED = 8 * 1032  # cells of one bit in a byte of a PNG; deflate packs up to 1032 to 1
 
@@ -85,8 +83,8 @@ def _yaml(image: str, grid: OccupancyGrid, mode: Mode) -> str:
         f"resolution: {float(grid.resolution)!r}\n"
         f"origin: [{x!r}, {y!r}, 0.0]\n"
         "negate: 0\n"
-        f"occupied_thresh: {_OCCUPIED_THRESHOLD}\n"
-        f"free_thresh: {_FREE_THRESHOLD}\n"
+        f"occupied_thresh: {OccupancyGrid.occupied_threshold}\n"
+        f"free_thresh: {OccupancyGrid.free_threshold}\n"
     )
 
 
@@ -125,7 +123,8 @@ def same_grid(path: Path, grid: OccupancyGrid, mode: Mode) -> int:
         return int(np.count_nonzero(read.trinary() != grid.trinary()))
     ours, theirs = grid.probabilities(), read.probabilities()
     if mode == "scale":  # map_server itself rounds what lies beyond the thresholds
-        ours, theirs = (np.clip(p, _FREE_THRESHOLD, _OCCUPIED_THRESHOLD) for p in (ours, theirs))
+        ends = grid.free_threshold, grid.occupied_threshold
+        ours, theirs = (np.clip(p, *ends) for p in (ours, theirs))
     return int(np.count_nonzero(~np.isclose(ours, theirs, rtol=0, atol=0.006, equal_nan=True)))
 
 

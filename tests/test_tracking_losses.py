@@ -181,10 +181,10 @@ def test_scans_wait_for_a_decision_in_bounded_memory() -> None:
 def test_a_robot_that_stood_for_long_may_move_as_any_other() -> None:
     """Else scans of a robot that is carried off after an hour of rest would wait for as long."""
     unobserved = UnobservedMotion()
-    unobserved.restart(0.0, np.zeros(3))
+    unobserved.begin(0, np.zeros(3))
     for second in range(1, 4000):
-        unobserved.add(float(second), np.array([1e-3 * (second % 2), 0.0, 0.0]))
-    assert unobserved.may_have_left(3.0)
+        unobserved.take(second * 10**9, np.array([1e-3 * (second % 2), 0.0, 0.0]))
+    assert unobserved.may_have_left(4002 * 10**9)
 
 
 @pytest.mark.parametrize("days", [1.0, 20_000.0])

@@ -24,8 +24,8 @@ from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.odometry.odometry_faults import OdometryFaults
 from mapmyworld.odometry.pose_hypotheses import FEWEST, Prior, likeliest_match
-from mapmyworld.odometry.timeline import Timeline
 from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
+from mapmyworld.odometry.unobserved_motion import UnobservedMotion
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.types import Frame, Scan
 
@@ -65,7 +65,7 @@ class LaserTracker:
         self._lost_ns: list[int] = []
         self._keyframes = Keyframes(config)
         self._state = np.zeros(8)  # pose, last step, overlaps: see `track_scans`
-        self._wheels, self._time = new_wheels(), Timeline()
+        self._wheels, self._time = new_wheels(), UnobservedMotion()
         self._last_odometry: Array | None = None
         self._first_ns: int | None = None
         self._unmatched_steps = np.zeros(3)

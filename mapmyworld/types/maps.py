@@ -22,7 +22,7 @@ class OccupancyGrid:
     occupied_threshold: ClassVar = 0.65
     """Probability from which a cell counts as occupied."""
     free_threshold: ClassVar = 0.196
-    """Probability below which a cell counts as free."""
+    """Up to it a cell counts as free; map_saver's unknown grey, 205, reads as 0.196078: above."""
 
     def probabilities(self) -> NDArray[np.float32]:
         """(H, W) occupancy probability; NaN where unknown."""

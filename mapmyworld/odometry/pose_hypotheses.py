@@ -15,6 +15,7 @@ from mapmyworld.registration.scan_matching import COARSE, Match, PreparedScan
 from mapmyworld.registration.scan_search import (
     APART,
     NATS,
+    are_one,
     evidence_elsewhere,
     search_evidence,
 )
@@ -103,7 +104,7 @@ def likeliest_match(
             )
             alike = 0.0 if elsewhere is None else place.agreement_with(view, elsewhere).evidence
             more += NATS * (other.evidence - max(needed, alike))
-        elif _is_one_mode(first, match):
+        elif are_one(first.pose, match.pose, APART):
             more += _LOG_ODDS * points * (_quality(match) - _quality(first)) - its_prior
         else:
             more += NATS * other.beyond(plain) - its_prior
@@ -114,11 +115,6 @@ def likeliest_match(
 
 def _has_points(match: Match, scan: PreparedScan) -> bool:
     return bool(match.overlap * len(scan.rows) >= FEWEST)
-
-
-def _is_one_mode(first: Match, other: Match) -> bool:
-    apart = between_planar(first.pose, other.pose)
-    return bool(np.hypot(*apart[:2]) < APART[0] and abs(apart[2]) < APART[1])
 
 
 def _quality(match: Match) -> float:

@@ -42,6 +42,7 @@ from mapmyworld.registration.scan_search import (
     APART,
     MARGIN,
     NATS,
+    are_one,
     search_about,
 )
 from mapmyworld.types import (
@@ -165,13 +166,11 @@ def _refutation(
         likelier = [one for one in tried if one.log_odds_over(there) >= NATS * MARGIN]
         return Refuted(likelier[0].verdict(Why.DOUBTED, odometry)) if likelier else None
     verdict = best.verdict(Why.REFUTED, odometry)
-    if any(best.log_odds_over(o) < NATS * MARGIN for o in tried if best.is_another(o)):
+    others = [o for o in tried if not are_one(best.pose, o.pose, APART)]
+    if any(best.log_odds_over(o) < NATS * MARGIN for o in others):
         return Refuted(verdict)
     match = match_members(nodes, (a, before), (b, after), best.pose, config)
-    slipped = between_planar(best.pose, match.pose)
-    if np.hypot(*slipped[:2]) < APART[0] and abs(slipped[2]) < APART[1]:
-        return Refuted(verdict, match)
-    return Refuted(verdict)
+    return Refuted(verdict, match if are_one(best.pose, match.pose, APART) else None)
 
 
 def _around(
@@ -211,11 +210,6 @@ class _Candidate:
         apart = between_planar(odometry, self.pose)
         metres, degrees = float(np.hypot(*apart[:2])), float(np.degrees(abs(apart[2])))
         return Verdict(Judge.LASER, False, why, {"metres": metres, "degrees": degrees})
-
-    def is_another(self, other: _Candidate) -> bool:
-        """Whether both are poses of their own."""
-        apart = between_planar(self.pose, other.pose)
-        return bool(np.hypot(*apart[:2]) >= APART[0] or abs(apart[2]) >= APART[1])
 
     def log_odds_over(self, other: _Candidate) -> float:
         """Nats for this pose, and against another one."""

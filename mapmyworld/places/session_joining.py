@@ -28,7 +28,7 @@ from mapmyworld.places.laser_nodes import LaserNodes, spaced
 from mapmyworld.places.laser_submaps import place_around
 from mapmyworld.places.whole_map import SETTLED, WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import Agreement, Place
-from mapmyworld.registration.scan_search import ANOTHER, MARGIN, NATS, Submap
+from mapmyworld.registration.scan_search import ANOTHER, MARGIN, NATS, Submap, are_one
 
 _CHECKED = 3  # places, those of the most evidence, that are looked for elsewhere
 _OVERLAP = 0.5  # weight of a place: what it shows, the ones beside it show as well
@@ -113,7 +113,7 @@ class Hypothesis:
     def is_same(self, other: Hypothesis) -> bool:
         """Whether places that speak for both relative poses lie at one pose, whichever is taken."""
         speak = [k for k in self.later if min(self.later[k].log_odds, other.later[k].log_odds) > 0]
-        return bool(speak) and all(_are_one(self.poses[k], other.poses[k]) for k in speak)
+        return bool(speak) and all(are_one(self.poses[k], other.poses[k], ANOTHER) for k in speak)
 
     def refutes(self, other: Hypothesis) -> float:
         """Points by which all places contradict another pose more than this one."""
@@ -263,12 +263,7 @@ def _other_moves(
 
 def _is_same(move: Array, other: Array, at: Array) -> bool:
     """Whether two relative poses bring a pose of the later session to the same place."""
-    return _are_one(compose_planar(move, at), compose_planar(other, at))
-
-
-def _are_one(pose: Array, other: Array) -> bool:
-    apart = between_planar(pose, other)
-    return bool(np.hypot(*apart[:2]) < ANOTHER[0] and abs(apart[2]) < ANOTHER[1])
+    return are_one(compose_planar(move, at), compose_planar(other, at), ANOTHER)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

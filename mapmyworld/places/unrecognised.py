@@ -12,12 +12,12 @@ from scipy.spatial import cKDTree
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
+from mapmyworld.odometry.tracking_losses import NAMED
 from mapmyworld.places.image_proposals import NEAR, NEAR_ANGLE
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged, Node, Poses
 
 _AWAY = 2.0 * NEAR  # m travelled and rad turned between them; what is nearer, tracking ties
 _LEAST = 1.0  # m of a section that is worth a word
-_NAMED = 5  # sections that are named, the longest ones
 
 
 def unrecognised_notes(
@@ -88,9 +88,9 @@ def _lines(nodes: Sequence[Node], sections: list[tuple[float, tuple[int, int]]])
     head = (
         f"{total:.1f} m of revisited path without loop closure: position there relies on odometry"
     )
-    longest = sorted(sections, key=lambda section: -section[0])[:_NAMED]
+    longest = sorted(sections, key=lambda section: -section[0])[:NAMED]
     named = [_text(nodes, *section) for section in sorted(longest, key=lambda s: s[1])]
-    rest = [f"shorter sections not recognised: {count - _NAMED}"] if count > _NAMED else []
+    rest = [f"shorter sections not recognised: {count - NAMED}"] if count > NAMED else []
     return [head, *named, *rest]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between, make_transform
 from mapmyworld.geometry.rotations import so3_exp, so3_log
+from mapmyworld.odometry.tracking_losses import NAMED
 from mapmyworld.types import (
     ConstraintKind,
     CorrectedOdometry,
@@ -66,7 +67,7 @@ class WheelCheck:
             f"{np.degrees(self.scatter_rad):.2f} deg; {len(self.slips)} contradictions"
         )
         taken = ["recorded odometry is scaled by these shares"] if self.is_far_off else []
-        worst = sorted(self.slips, key=lambda s: -s.metres - s.radians)[:5]
+        worst = sorted(self.slips, key=lambda s: -s.metres - s.radians)[:NAMED]
         slips = [
             f"at {s.stamp_ns * 1e-9:.2f} s recorded and visual odometry differ by "
             f"{s.metres:.3f} m, {np.degrees(s.radians):.1f} deg"

@@ -7,9 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from mapmyworld.backend.connected_components import components
 from mapmyworld.config import Config
 from mapmyworld.geometry import Index
 from mapmyworld.places.laser_candidates import MOST, NEAR
@@ -64,6 +63,4 @@ def _joined(ids: Index, session: Index, closures: Sequence[Judged]) -> Index:
     ends = np.array([(c.from_id, c.to_id) for c in closures])
     ends = ends[np.isin(ends, ids).all(axis=1)]
     a, b = session[np.searchsorted(ids, ends)].T
-    size = int(session.max()) + 1
-    links = coo_array((np.ones(len(a)), (a, b)), shape=(size, size))
-    return np.asarray(connected_components(links, directed=False)[1][session], np.int64)
+    return components(int(session.max()) + 1, a, b)[session]

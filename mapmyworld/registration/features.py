@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -18,15 +18,6 @@ from mapmyworld.types import Features, RgbdImage
 _SURPLUS = 3  # times the wanted number is detected, so that there is something to choose from
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Keypoints:
-    pixels: NDArray[np.float32]
-    sizes: NDArray[np.float32]
-    angles: NDArray[np.float32]
-    responses: NDArray[np.float32]
-    octaves: NDArray[np.int32]
-
-
 def extract_features(image: RgbdImage, config: Config, most: int | None = None) -> Features:
     """The features of a colour image, points in the base frame.
 
@@ -34,25 +25,17 @@ def extract_features(image: RgbdImage, config: Config, most: int | None = None) 
     """
     assert image.colour is not None
     grey = grey_picture(image)
-    keypoints, descriptors = _detect(grey, config, most or config.visual.feature_count)
-    points = _points_from_depth(image, keypoints.pixels, config)
-    return Features(
-        keypoints.pixels,
-        points,
-        descriptors,
-        keypoints.sizes,
-        keypoints.angles,
-        keypoints.responses,
-        keypoints.octaves,
-    )
+    found = _detect(grey, config, most or config.visual.feature_count)
+    if image.depth is None:
+        return found
+    return replace(found, points=_points_from_depth(image, found.pixels, config))
 
 
 def _points_from_depth(
     image: RgbdImage, pixels: NDArray[np.float32], config: Config
 ) -> NDArray[np.float32]:
     """Points (N, 3) in the base frame of pixels (N, 2), NaN without usable depth."""
-    if image.depth is None:
-        return np.full((len(pixels), 3), np.nan, np.float32)
+    assert image.depth is not None
     depth = np.asarray(image.depth.pixels(), np.float32)
     z = depth_at(image, depth, pixels)
     z[~((z > config.visual.depth_min) & (z < config.visual.depth_max))] = np.nan
@@ -61,9 +44,7 @@ def _points_from_depth(
     return transform_points(image.camera.base_from_camera, points).astype(np.float32)
 
 
-def _detect(
-    grey: NDArray[np.uint8], config: Config, most: int
-) -> tuple[_Keypoints, NDArray[np.uint8]]:
+def _detect(grey: NDArray[np.uint8], config: Config, most: int) -> Features:
     settings = config.visual
     orb = cv2.ORB_create(
         settings.feature_count * _SURPLUS, edgeThreshold=19, fastThreshold=settings.fast_threshold
@@ -79,8 +60,8 @@ def _most_levels(grey: NDArray[np.uint8], factor: float) -> int:
 
 def _described(
     orb: cv2.ORB, grey: NDArray[np.uint8], found: list[cv2.KeyPoint], wanted: int
-) -> tuple[_Keypoints, NDArray[np.uint8]]:
-    """The best-spread `wanted` of the found keypoints, with descriptors (N, 32)."""
+) -> Features:
+    """The best-spread `wanted` of the found keypoints, with descriptors (N, 32), without depth."""
     pixels = np.asarray(cv2.KeyPoint_convert(found), np.float32).reshape(-1, 2)
     responses = np.fromiter((k.response for k in found), np.float32, len(found))
     chosen = spread(pixels, responses, grey.shape[1], grey.shape[0], wanted)
@@ -89,14 +70,15 @@ def _described(
         kept, descriptors = [], np.zeros((0, 32), np.uint8)
     rows = np.array([(k.size, k.angle, k.response, k.octave & 0xFF) for k in kept], np.float32)
     sizes, angles, strengths, octaves = np.ascontiguousarray(rows.reshape(-1, 4).T)
-    keypoints = _Keypoints(
+    return Features(
         _centred(kept, sizes.astype(np.float64) / orb.getPatchSize(), grey.shape),
+        np.full((len(kept), 3), np.nan, np.float32),
+        np.ascontiguousarray(descriptors, np.uint8),
         sizes,
         angles,
         strengths,
         octaves.astype(np.int32),
     )
-    return keypoints, np.ascontiguousarray(descriptors, np.uint8)
 
 
 def _centred(

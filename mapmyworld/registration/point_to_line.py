@@ -40,17 +40,12 @@ def match_scan(
         poses, targets.origins, guess, prior, prior_information, max_distances,
         config.residual_share, sigma, out,
     )  # fmt: skip
-    return _match_from_row(out, len(which), config)
-
-
-def _match_from_row(out: NDArray[np.float64], targets: int, config: RegistrationConfig) -> Match:
-    """The kernel's row of numbers as a match."""
     xx, xy, xr, yy, yr, rr = out[3:9]
     hessian = np.array([[xx, xy, xr], [xy, yy, yr], [xr, yr, rr]])
     sigma_squared = max(config.range_sigma**2, float(out[10])) * config.correlation
     return Match(
         pose=out[:3].copy(),
-        information=hessian / (sigma_squared * max(targets, 1)),
+        information=hessian / (sigma_squared * max(len(which), 1)),
         overlap=float(out[9]),
         residual=float(np.sqrt(out[10])),
         count=int(out[11]),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import transform_points_planar
+from mapmyworld.geometry.planar import between_planar, transform_points_planar
 from mapmyworld.kernels.branch_and_bound import FULL, best_shift, mark_beside
 from mapmyworld.kernels.rays import count_scans
 from mapmyworld.registration.scan_matching import ScanSet
@@ -226,13 +226,15 @@ def search_evidence(
         return None
     fixed = _window(points, grid, guess, distance, angle)
     a_point = 0.5 / len(fixed[2])  # of score: from a miss over nothing to a hit it is one
-    best = np.zeros(4)
     floor = 0.5 + least * a_point
-    best_shift(*fixed, floor, _NOWHERE, best)
-    if best[0] <= floor:
+    best = _best(fixed, _NOWHERE, floor)
+    if best is None:
         return None
-    second_best = _best_elsewhere(fixed, best[1:], max(floor, best[0] - behind * a_point))
-    return Found(best[1:].copy(), float(best[0]), float(second_best[0]), second_best[1:].copy())
+    avoid, floor = np.array([*best[1:], *APART]), max(floor, best[0] - behind * a_point)
+    second_best = _best(fixed, avoid, floor)
+    if second_best is None:
+        second_best = np.zeros(4)
+    return Found(best[1:], float(best[0]), float(second_best[0]), second_best[1:])
 
 
 def evidence_elsewhere(
@@ -293,9 +295,15 @@ def _everywhere(points: Array, grid: LikelihoodGrid) -> Window:
 
 def _best_of(window: Window, avoid: Array, least: float) -> Array | None:
     """The best pose of more evidence, in points, than `least`."""
-    best, floor = np.zeros(4), 0.5 + least * 0.5 / max(len(window[2]), 1)
-    best_shift(*window, floor, avoid, best)
-    return best[1:] if best[0] > floor else None
+    best = _best(window, avoid, 0.5 + least * 0.5 / max(len(window[2]), 1))
+    return None if best is None else best[1:]
+
+
+def _best(window: Window, avoid: Array, least: float) -> Array | None:
+    """(4,) the best score above `least`, and its pose."""
+    best = np.zeros(4)
+    best_shift(*window, least, avoid, best)
+    return best if best[0] > least else None
 
 
 def _window(
@@ -321,11 +329,10 @@ def _step(points: Array, grid: LikelihoodGrid) -> float:
     return float(np.clip(grid.resolution / max(far, 1.0), 0.01, 0.05))
 
 
-def _best_elsewhere(window: Window, pose: Array, least: float) -> Array:
-    """(4,) score and pose; zeros if no score exceeds `least`."""
-    best = np.zeros(4)
-    best_shift(*window, least, np.array([*pose, *APART]), best)
-    return best if best[0] > least else np.zeros(4)
+def are_one(pose: Array, other: Array, apart: tuple[float, float]) -> bool:
+    """Whether two poses (3,) lie less than so many metres and radians `apart`."""
+    off = between_planar(pose, other)
+    return bool(np.hypot(*off[:2]) < apart[0] and abs(off[2]) < apart[1])
 
 
 def scored_points(points: Array, most: int = POINTS) -> Array:

@@ -18,7 +18,7 @@ from mapmyworld.errors import MapError
 from mapmyworld.types import ImageMessage, Node, NodeData, RgbdImage, Trajectory
 
 Names = Literal["stamp", "id"]
-_PER_METRE = 5000  # TUM's unit of depth: a fifth of a millimetre
+PER_METRE = 5000  # TUM's unit of depth: a fifth of a millimetre
 _JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG"
 
 
@@ -113,7 +113,7 @@ def _colour_file(picture: ImageMessage) -> tuple[str, bytes]:
 
 def _depth_file(picture: ImageMessage) -> tuple[str, bytes]:
     """16-bit PNG in TUM's unit; what lies beyond 13.1 m does not fit and becomes 0."""
-    steps = np.rint(np.nan_to_num(np.asarray(picture.pixels(), np.float64)) * _PER_METRE)
+    steps = np.rint(np.nan_to_num(np.asarray(picture.pixels(), np.float64)) * PER_METRE)
     steps[(steps < 0) | (steps > np.iinfo(np.uint16).max)] = 0
     return ".png", encoded_file(".png", steps.astype(np.uint16))
 
@@ -130,6 +130,6 @@ def _calibration(image: RgbdImage) -> dict[str, Any]:
         "cy": float(k[1, 2]),
         "distortion_model": camera.distortion_model,
         "distortion": camera.distortion.tolist(),
-        "depth_per_metre": _PER_METRE,
+        "depth_per_metre": PER_METRE,
         "base_from_camera": camera.base_from_camera.tolist(),
     }

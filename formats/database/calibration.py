@@ -16,7 +16,6 @@ _STEREO = struct.Struct("<10i")  # version (3), type, nR, nT, nE, nF, bytes left
 _VERSION = (0, 20, 0)
 # Where the fisheye's k1..k4 stand among RTAB-Map's six coefficients.
 _FISHEYE_SLOTS = [0, 1, 4, 5]
-MAX_IMAGE_SIDE = 1 << 15
 _LEAST_FOCAL = 0.1  # pixels
 
 
@@ -98,7 +97,8 @@ def _read_mono(blob: bytes, at: int, what: str) -> tuple[CameraModel, NDArray[np
     sizes = (n_k, n_d, n_r, n_p, n_l)
     if any(n not in known for n, known in zip(sizes, allowed, strict=True)):
         raise MapError(f"{what}: a calibration with matrices of {sizes} numbers")
-    if not (0 <= width <= MAX_IMAGE_SIDE and 0 <= height <= MAX_IMAGE_SIDE):
+    longest = CameraModel.longest_side
+    if not (0 <= width <= longest and 0 <= height <= longest):
         raise MapError(f"{what}: a calibration of {width} x {height} pixels")
     at += _MONO.size
     end = at + 8 * sum(sizes[:4]) + 4 * n_l

@@ -19,6 +19,7 @@ SQLITE_MAGIC = b"SQLite format 3\0"
 IN_MEMORY = Path(":memory:")  # SQLite's own name of what no file holds
 # In the header of maps of ours, which says whose they are even where other pages are torn.
 APPLICATION_ID = 0x4D4D5731  # "MMW1"
+Row = tuple[Any, ...]
 _PAGE_SIZE = 4096
 _MOVED = "SQLITE_READONLY_DBMOVED"  # its extended code, as sqlite3 names it
 _EPOCH = "1970-01-01 00:00:00"

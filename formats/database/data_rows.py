@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from formats.database import feature_rows, image_blobs
 from formats.database.blobs import blob_to_matrix
 from formats.database.calibration import blob_to_eyes, cameras_to_blob
-from formats.database.connection import Connection
+from formats.database.connection import Connection, Row
 from formats.database.node_rows import StorageOptions
 from formats.database.scan_blobs import cloud_to_columns, columns_to_observation, scan_to_columns
 from formats.nested_text import json_from_text
@@ -28,7 +28,6 @@ INSERT_DATA = (
     "INSERT INTO Data (id, image, depth, calibration, scan, scan_info) VALUES (?,?,?,?,?,?)"
 )
 SELECT_DATA = "SELECT image, depth, calibration, scan, scan_info FROM Data WHERE id = ?"
-Row = tuple[Any, ...]
 _SIXTEEN_BITS = frozenset({"16UC1", "MONO16", "Z16"})
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.bounds import FARTHEST
-from formats.database.connection import Connection
+from formats.database.connection import Connection, Row
 from mapmyworld.errors import MapError
 from mapmyworld.types import Features
 
@@ -20,7 +20,6 @@ SELECT_FEATURES = (
 )
 INSERT_WORD = "INSERT INTO Word (id, descriptor_size, descriptor) VALUES (?,?,?)"
 SELECT_WORDS = "SELECT id, descriptor_size, descriptor FROM Word ORDER BY id"
-Row = tuple[Any, ...]
 
 
 def feature_rows(node_id: int, features: Features) -> Iterator[Row]:

@@ -11,6 +11,7 @@ from typing import Any, get_args
 import numpy as np
 
 from formats.database.blobs import doubles, information_to_blobs
+from formats.database.connection import Row
 from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import invert
@@ -60,7 +61,6 @@ KINDS = {number: kind for kind, number in LINK_TYPES.items()} | {
 }
 # Stored once: what it links to has no row of its own.
 _ONE_WAY = OF_ONE_NODE | {ConstraintKind.LANDMARK}
-Row = tuple[Any, ...]
 _SOURCES = {source.__name__: source for source in get_args(Source)}
 _TYPES: Mapping[str, Any] = {"float": int | float, "int": int, "bool": bool, "str": str}
 

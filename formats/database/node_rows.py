@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from formats.database.blobs import doubles, matrix_to_blob, pose_to_blob
+from formats.database.connection import Row
 from formats.database.scan_blobs import scan_without_points
 from formats.decimal_stamps import nanoseconds_from_text
 from mapmyworld.errors import MapError
@@ -27,7 +27,6 @@ SELECT_OWN = (
     " own.weight, own.ground_truth, theirs.gps"
     " FROM mapmyworld_nodes AS own JOIN Node AS theirs ON theirs.id = own.id"
 )
-Row = tuple[Any, ...]
 
 
 @dataclass(frozen=True, slots=True)

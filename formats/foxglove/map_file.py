@@ -18,6 +18,7 @@ from formats.constraint_kinds import COLOURS, REJECTED, rgb
 from formats.recording_files import LogWriter
 from formats.ros_messages import Fields, header, pose_in_map, pose_of, vector
 from formats.whole_files import write_whole
+from mapmyworld.geometry import Array
 from mapmyworld.types import (
     ConstraintKind,
     Judged,
@@ -31,7 +32,6 @@ from mapmyworld.types import (
 )
 from mapmyworld.types.wording import reason_of
 
-Floats = NDArray[np.float64]
 MAP = "map"
 _LISTED = 60  # constraints of a kind whose facts its lines hold
 _LINE_LIST = 5  # visualization_msgs/Marker: lines between pairs of points
@@ -47,9 +47,9 @@ class FoxgloveMap:
     base_frame: str
     stamps_ns: NDArray[np.int64]
     """(F,) of the tracked frames."""
-    map_from_base: Floats
+    map_from_base: Array
     """(F, 4, 4)."""
-    nodes: Sequence[tuple[Node, Floats, Floats | None]]
+    nodes: Sequence[tuple[Node, Array, Array | None]]
     """Each with map_from_node and its covariance (6, 6), rotation first, in its own frame."""
     constraints: Sequence[Judged]
     grid: OccupancyGrid | None
@@ -99,7 +99,7 @@ def tf_events(shown: FoxgloveMap) -> Iterator[Event]:
         yield stamp, "/tf", transform(stamp, MAP, shown.base_frame, pose)
 
 
-def transform(stamp_ns: int, parent: str, child: str, pose: Floats) -> TransformsMessage:
+def transform(stamp_ns: int, parent: str, child: str, pose: Array) -> TransformsMessage:
     """The child frame's pose (4, 4) in the parent frame."""
     return TransformsMessage((TransformStamped(stamp_ns, parent, child, pose),), static=False)
 

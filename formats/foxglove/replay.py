@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from formats.converting import Copier
 from formats.foxglove.map_file import MAP, Event, FoxgloveMap, map_events, write_layout
 from formats.recording_files import LogWriter
 from mapmyworld.errors import LogError
+from mapmyworld.geometry import Array
 from mapmyworld.types import (
     LogSource,
     MessageKind,
@@ -25,7 +25,6 @@ from mapmyworld.types import (
     TransformStamped,
 )
 
-Floats = NDArray[np.float64]
 _SAMPLE = 2000  # messages that show the log's frames and clock
 _TOPIC = "/map/tf"
 _ODOM = "odom"
@@ -46,7 +45,7 @@ class _Frames:
 
 
 def write_replay(
-    path: Path, shown: FoxgloveMap, log: LogSource, odom_from_base: Floats | None
+    path: Path, shown: FoxgloveMap, log: LogSource, odom_from_base: Array | None
 ) -> tuple[list[Path], tuple[str, ...]]:
     """The whole log with `map -> odom` added; what was written, and what could not be.
 
@@ -63,7 +62,7 @@ def write_replay(
 
 
 def _ours(
-    shown: FoxgloveMap, frames: _Frames, odom_from_base: Floats | None, log: LogSource
+    shown: FoxgloveMap, frames: _Frames, odom_from_base: Array | None, log: LogSource
 ) -> list[Event]:
     """Our messages in order of log time, from the log's start to its end."""
     info = log.info()
@@ -83,7 +82,7 @@ def _ours(
 
 
 def _links(
-    shown: FoxgloveMap, frames: _Frames, odom_from_base: Floats | None, k: int
+    shown: FoxgloveMap, frames: _Frames, odom_from_base: Array | None, k: int
 ) -> list[TransformStamped]:
     """What leads from the map to the robot in the frame of this number."""
     pose = shown.map_from_base[k]

@@ -17,6 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from formats.decimal_stamps import stamp_from_text
+from formats.image_folders import PER_METRE
 from formats.logs.files import hash_files
 from formats.logs.image_pixels import encoded_pixels
 from formats.logs.listed_log import ListedLog
@@ -36,7 +37,6 @@ from mapmyworld.types import (
 COLOUR, DEPTH = "/camera/rgb/image_color", "/camera/depth/image"
 INFO, TRUTH = "/camera/rgb/camera_info", "/ground_truth"
 FRAME, WORLD = "camera_rgb_optical_frame", "world"
-_DEPTH_UNITS = 5000.0  # a metre
 # In the order in which messages of equal time come.
 _TOPICS = {
     TRUTH: (MessageKind.POSE, "geometry_msgs/msg/PoseWithCovarianceStamped"),
@@ -144,7 +144,7 @@ class TumRgbdLog(ListedLog):
     def _depth(self, entry: _Entry) -> ImageMessage:
         """Metres; no `encoded`, because its 5000 units a metre are not ROS's millimetres."""
         data = _bytes(self._file(entry))
-        pixels = partial(encoded_pixels, data, "32FC1", _DEPTH_UNITS)
+        pixels = partial(encoded_pixels, data, "32FC1", PER_METRE)
         return ImageMessage(entry.stamp_ns, FRAME, "32FC1", *picture_size(data), pixels)
 
 

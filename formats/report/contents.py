@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.types import ConstraintKind, OccupancyGrid, PointCloud
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,13 +21,13 @@ class ShownNodes:
     """(N,) ids."""
     sessions: NDArray[np.int64]
     """(N,) of each node."""
-    times_s: Floats
+    times_s: Array
     """(N,) since the first node."""
-    places: Floats
+    places: Array
     """(N, 3) x, y, yaw in the map."""
-    sigmas_m: Floats | None
+    sigmas_m: Array | None
     """(N,) one sigma of position relative to the first node."""
-    ellipses: Floats | None
+    ellipses: Array | None
     """(N, 3) half axes (m, one sigma) and the angle (rad) of the first one in the map."""
 
 
@@ -51,9 +50,9 @@ class ShownConstraint:
 class ScanOverlay:
     """Two scans, and how the second lies upon the first, before and after."""
 
-    start: Floats
+    start: Array
     """(3,) a_from_b as x, y, yaw by tracking alone."""
-    measured: Floats
+    measured: Array
     """(3,) by the constraint."""
 
 
@@ -108,9 +107,9 @@ class ReportContents:
     """What is known of the solution: is it the best one that there is."""
     problems: Sequence[str]
     grid: OccupancyGrid | None
-    path: Floats
+    path: Array
     """(F, 3) time since the first node, x, y of all tracked frames."""
-    odometry: Floats
+    odometry: Array
     """(N, 2) the recorded odometry of the nodes, laid upon the map at the first one."""
     nodes: ShownNodes
     constraints: Sequence[ShownConstraint]

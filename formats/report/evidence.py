@@ -17,9 +17,9 @@ from formats.report.contents import (
     ShownConstraint,
 )
 from formats.report.page import data_uri
+from mapmyworld.geometry import Array
 from mapmyworld.types import ConstraintKind
 
-Floats = NDArray[np.float64]
 _POINTS = 240  # of a scan that are drawn
 _SPREAD = 95.0  # percentile of a scan's ranges that its picture holds
 _GAP = 6  # pixels between two images
@@ -106,7 +106,7 @@ def _scans(
     return [_overlay(a, b, moved, reach, caption) for caption, moved in views]
 
 
-def _overlay(a: int, b: int, moved: Floats, reach: float, caption: str) -> str:
+def _overlay(a: int, b: int, moved: Array, reach: float, caption: str) -> str:
     turn = f"translate({100 * moved[0]:.1f} {100 * moved[1]:.1f})"
     turn += f" rotate({np.degrees(moved[2]):.3f})"
     box = f"{-reach:.0f} {-reach:.0f} {2 * reach:.0f} {2 * reach:.0f}"

@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from formats.constraint_kinds import COLOURS
 from formats.picture_files import encoded_file
 from formats.report.contents import ReportContents, ShownConstraint
 from formats.report.map_axes import observed_corners
 from formats.report.page import data_uri
+from mapmyworld.geometry import Array
 from mapmyworld.types import ConstraintKind, OccupancyGrid
 
-Floats = NDArray[np.float64]
 _WIDTH, _HEIGHT = 1000.0, 760.0  # pixels that the map fills at most
 _PATH_POINTS = 6000  # of a path that are drawn
 _ELLIPSES = 60  # along the path
@@ -38,18 +37,18 @@ class Layer:
 class View:
     """From metres to the picture's pixels, y upwards."""
 
-    low: Floats
+    low: Array
     """(2,) m, x and y of the lower left corner."""
-    high: Floats
+    high: Array
     """(2,) m, of the upper right one."""
     scale: float
 
     @property
-    def size(self) -> Floats:
+    def size(self) -> Array:
         """(2,) width and height in pixels."""
         return (self.high - self.low) * self.scale
 
-    def pixels(self, points: Floats) -> Floats:
+    def pixels(self, points: Array) -> Array:
         """Pixels, x and y, of points in metres on the picture, (..., 2) both."""
         moved = (points - self.low) * self.scale
         return np.stack([moved[..., 0], self.size[1] - moved[..., 1]], axis=-1)
@@ -123,7 +122,7 @@ def _grid_image(grid: OccupancyGrid | None, view: View) -> str:
     )
 
 
-def _line(points: Floats) -> str:
+def _line(points: Array) -> str:
     if len(points) < 2:
         return ""
     kept = np.round(points[:: max(1, len(points) // _PATH_POINTS)], 1)
@@ -131,7 +130,7 @@ def _line(points: Floats) -> str:
     return f'<polyline points="{text}"/>'
 
 
-def _segments(constraints: Sequence[ShownConstraint], place: dict[int, Floats]) -> str:
+def _segments(constraints: Sequence[ShownConstraint], place: dict[int, Array]) -> str:
     ends = [
         (*place[c.from_id], *place[c.to_id])
         for c in constraints
@@ -141,7 +140,7 @@ def _segments(constraints: Sequence[ShownConstraint], place: dict[int, Floats]) 
     return f'<path d="{text}"/>' if text else ""
 
 
-def _dots(points: Floats) -> str:
+def _dots(points: Array) -> str:
     """Points of a size that zooming does not change: strokes of no length with round ends."""
     text = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in points.tolist())
     return f'<path d="{text}"/>' if text else ""
@@ -163,7 +162,7 @@ def _ellipses(contents: ReportContents, view: View) -> str:
     return "".join(parts)
 
 
-def _axes(places: Floats, view: View) -> str:
+def _axes(places: Array, view: View) -> str:
     """The frame of the first node: x red, y green."""
     if len(places) == 0:
         return ""

@@ -41,7 +41,9 @@ def time_offset(
     # Half-way between two headings their noise is averaged, which agrees better on both sides.
     others = min(errors[len(offsets) // 2], errors[len(offsets) - 1 - best])
     certain = others > _BETTER * errors[best]
-    if not certain and abs(offset) < _between_headings(clock):
+    # Most seconds between the headings of the second sensor: what averaging alone can feign.
+    apart = np.percentile(np.diff(np.unique(clock[0])), 90)
+    if not certain and abs(offset) < apart:
         return _none_seen(names, len(turns))
     good = not certain or abs(offset) < _WORTH_SAYING
     order = "later" if offset > 0 else "earlier"
@@ -73,11 +75,6 @@ def _tried(
 ) -> tuple[Array, Array]:
     offsets = np.arange(-_REACH, _REACH + _STEP / 2, _STEP)
     return offsets, np.array([_error(starts + d, ends + d, turns, clock) for d in offsets])
-
-
-def _between_headings(clock: tuple[Array, Array]) -> float:
-    """Most seconds between the headings of the second sensor: what averaging alone can feign."""
-    return float(np.percentile(np.diff(np.unique(clock[0])), 90))
 
 
 def _backwards(names: tuple[str, str], pairs: int) -> Finding:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import Index
+from mapmyworld.geometry import Array, Index
 from mapmyworld.kernels.compiling import jit
 
-Floats = NDArray[np.float64]
 Small = NDArray[np.int32]
 _TOGETHER = 48  # rows: neighbours reach nearly the same columns, and a processor works on several
 
@@ -17,14 +16,14 @@ _TOGETHER = 48  # rows: neighbours reach nearly the same columns, and a processo
 def predict(
     starts: Small,
     rows: Small,
-    numbers: Floats,
-    diagonal: Floats,
+    numbers: Array,
+    diagonal: Array,
     asked_starts: Small,
     asked_columns: Index,
-    asked: Floats,
+    asked: Array,
     groups: Index,
     ends: Index,
-    found: Floats,
+    found: Array,
 ) -> None:
     """Adds `J inverse(L D L') J'` to `found` (F,), for every group of rows of J, from `ends[g]` on.
 

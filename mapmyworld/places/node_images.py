@@ -24,7 +24,6 @@ from mapmyworld.types import (
     Node,
     NodeData,
     Progress,
-    RgbdImage,
     first_nodes,
 )
 
@@ -91,7 +90,8 @@ class NodeImages:
         """One for each usable image of a node; features that the store has are not found again."""
         data = self._data(node)
         for k, image in enumerate(usable_images(data)):
-            yield partial(prepared_image, image, _own(data.features, k, image), self._config)
+            known = data.features and features_of_camera(data.features, k, image.camera.width)
+            yield partial(prepared_image, image, known, self._config)
 
     def stamps(self) -> NDArray[np.int64]:
         """(R,) of each row, nanoseconds."""
@@ -139,10 +139,6 @@ class NodeImages:
         for node, rows in zip(self.nodes, rows_of, strict=True):
             parts = [self._features[row] for row in rows]
             store.set_features(node.id, joined_features(parts, self._cameras[rows[0]].width))
-
-
-def _own(features: Features | None, number: int, image: RgbdImage) -> Features | None:
-    return None if features is None else features_of_camera(features, number, image.camera.width)
 
 
 def _compared(store: MapStore) -> list[Node]:

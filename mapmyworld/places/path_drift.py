@@ -6,9 +6,10 @@ import functools
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
+from mapmyworld.backend.connected_components import components
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import information_to_planar
 from mapmyworld.odometry.pose_hypotheses import FAULT_SIZE
@@ -116,9 +117,8 @@ class Ways:
         """`closed` (C, 2) are nodes at one place."""
         self._tied, ends = np.unique(closed, return_inverse=True)
         ends, size = ends.reshape(-1, 2), len(self._tied)
-        joined = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
-        self._count, place = connected_components(joined, directed=False) if size else (0, [])
-        self._place = np.asarray(place, np.int64)
+        self._place = components(size, *ends.T)
+        self._count = int(self._place.max(initial=-1)) + 1
         ends = np.sort(np.stack([self._place[:-1], self._place[1:]]), axis=0)
         key = ends[0] * self._count + ends[1]
         self._stretches = np.argsort(key, kind="stable")

@@ -242,7 +242,7 @@ def _fault_of(info: CameraInfoMessage, colour: Images) -> str:
     largest = max(np.abs(x).max(initial=0) for x in (k, info.distortion, p[np.isfinite(p)]))
     if min(k[0, 0], k[1, 1]) < _LEAST_FOCAL or largest > _MOST:
         return "intrinsics out of range"
-    if max(colour.width, colour.height) > _LONGEST_SIDE:
+    if max(colour.width, colour.height) > CameraModel.longest_side:
         return f"images of {colour.width} x {colour.height} pixels, too large"
     return ""
 
@@ -259,7 +259,6 @@ def first_pose(camera: CameraSource | None, scan: ScanSource | None) -> NDArray[
 
 
 _LEAST_FOCAL, _MOST = 0.1, 1e6  # pixels; coefficients of distortion are far below as well
-_LONGEST_SIDE = 1 << 15  # pixels, which OpenCV and a map hold
 _COEFFICIENTS = (4, 5, 8, 12, 14)  # of plumb_bob, rational_polynomial, equidistant
 _LOOKING_FORWARD = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]

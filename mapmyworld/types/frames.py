@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,8 @@ class CameraModel:
     """(D,) in OpenCV's order."""
     base_from_camera: NDArray[np.float64]
     """(4, 4), camera in its optical frame: z forward, x right, y down."""
+    longest_side: ClassVar = 1 << 15
+    """Pixels, which OpenCV and a map hold."""
 
     @property
     def is_carried(self) -> bool:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mapmyworld.config import Config, MappingConfig
 from mapmyworld.config.settings import apply_settings
 from mapmyworld.errors import MapError
-from mapmyworld.kernels.rays import count_rays
+from mapmyworld.kernels.rays import count_scans
 from mapmyworld.mapping.occupancy import build_grid, log_odds_of
 from mapmyworld.types import OccupancyGrid, Scan
 
@@ -78,7 +78,8 @@ def test_a_ray_visits_the_cells_that_it_crosses(x0: float, y0: float, x1: float,
     """Cells whose corner the ray only grazes, closer than the sampling, may differ."""
     hits, passes = np.zeros((20, 20), np.uint16), np.zeros((20, 20), np.uint16)
     marks = np.zeros((20, 20), np.uint8)
-    count_rays(hits, passes, marks, 1, x0, y0, np.array([[x1, y1]]), np.array([True]))
+    start, end = np.array([[x0, y0]]), np.array([[x1, y1]])
+    count_scans(hits, passes, marks, start, end, np.array([True]), np.array([0, 1]))
     found = set(zip(*(axis.tolist() for axis in np.nonzero(passes)), strict=True))
     wanted = passed_cells(x0, y0, x1, y1)
     length = abs(int(x1) - int(x0)) + abs(int(y1) - int(y0))

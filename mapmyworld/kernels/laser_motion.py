@@ -69,26 +69,16 @@ def innovation(predicted: Array, pose: Array, information: Array, variances: Arr
     return result
 
 
-@inner_jit
-def position_variances(information: Array) -> Array:
-    """(2,) smallest and largest variance of the position, m^2, over all directions.
-
-    Of a pose's `information` (3, 3).
-    """
+@jit
+def is_degenerate(information: Array) -> bool:
+    """Whether a match (3, 3) knows one direction of the plane far worse than the other."""
     known = information.copy()
     for i in range(3):
         known[i, i] += FAINT
     covariance = invert3(known)
     xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
-    half, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    return np.array([half - root, half + root])
-
-
-@jit
-def is_degenerate(information: Array) -> bool:
-    """Whether a match (3, 3) knows one direction of the plane far worse than the other."""
-    variances = position_variances(information)
-    return bool(variances[1] > _RATIO * _RATIO * max(variances[0], 1e-12))
+    half, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)  # variances are half -+ root
+    return bool(half + root > _RATIO * _RATIO * max(half - root, 1e-12))
 
 
 @jit

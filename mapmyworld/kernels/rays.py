@@ -11,35 +11,6 @@ from mapmyworld.kernels.compiling import inner_jit, jit
 
 
 @jit
-def count_rays(
-    hits: NDArray[np.uint16],
-    passes: NDArray[np.uint16],
-    marks: NDArray[np.uint8],
-    mark: int,
-    x0: float,
-    y0: float,
-    ends: NDArray[np.float64],
-    is_hit: NDArray[np.bool_],
-) -> None:
-    """One scan from (x0, y0) to `ends` (N, 2), all in cells; each cell counts once, hits first.
-
-    `hits`, `passes` and `marks` (H, W) are grids; `marks` remembers the last scan that a cell
-    counted, `mark` is this one, 255 at most; `is_hit` (N,) where a ray ended on a surface. A ray
-    visits every cell it touches (Amanatides and Woo, 1987) and stops before the one it ends in. All
-    coordinates must lie inside the grid.
-    """
-    for k in range(len(ends)):
-        if is_hit[k]:
-            row, column = int(ends[k, 1]), int(ends[k, 0])
-            if marks[row, column] != mark:
-                marks[row, column] = mark
-                if hits[row, column] < 65535:
-                    hits[row, column] += 1
-    for k in range(len(ends)):
-        _pass_through(passes, marks, mark, x0, y0, ends[k, 0], ends[k, 1])
-
-
-@jit
 def count_scans(
     hits: NDArray[np.uint16],
     passes: NDArray[np.uint16],
@@ -49,17 +20,25 @@ def count_scans(
     is_hit: NDArray[np.bool_],
     bounds: NDArray[np.int64],
 ) -> None:
-    """At most 255 scans, from `starts` (S, 2) to their `ends[bounds[k]:bounds[k + 1]]`.
+    """At most 255 scans from `starts` (S, 2) to their `ends[bounds[s]:bounds[s + 1]]`.
 
-    `ends` (N, 2), `is_hit` (N,) and `bounds` (S + 1,); `hits` and `passes` (H, W) as in
-    `count_rays`, `marks` (H, W) zeros, which are used up.
+    All in cells; each cell counts once a scan, hits first. `ends` (N, 2), `bounds` (S + 1,) and
+    `is_hit` (N,), where a ray ended on a surface. `hits`, `passes` and `marks` (H, W) are grids;
+    `marks` are zeros and remember the last scan that a cell counted. A ray visits every cell it
+    touches (Amanatides and Woo, 1987) and stops before the one it ends in. All coordinates must lie
+    inside the grid.
     """
-    for k in range(len(starts)):
-        first, last = bounds[k], bounds[k + 1]
-        count_rays(
-            hits, passes, marks, k + 1, starts[k, 0], starts[k, 1],
-            ends[first:last], is_hit[first:last],
-        )  # fmt: skip
+    for s in range(len(starts)):
+        mark = s + 1
+        for k in range(bounds[s], bounds[s + 1]):
+            if is_hit[k]:
+                row, column = int(ends[k, 1]), int(ends[k, 0])
+                if marks[row, column] != mark:
+                    marks[row, column] = mark
+                    if hits[row, column] < 65535:
+                        hits[row, column] += 1
+        for k in range(bounds[s], bounds[s + 1]):
+            _pass_through(passes, marks, mark, starts[s, 0], starts[s, 1], ends[k, 0], ends[k, 1])
 
 
 @inner_jit

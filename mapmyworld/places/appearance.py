@@ -86,7 +86,7 @@ def find_candidates(
 
 
 def distinct(order: NDArray[np.int64], most: int) -> list[int]:
-    """The first few indices of `order` that are no neighbours of each other."""
+    """The first few indices of `order` (N,) that are no neighbours of each other."""
     chosen: list[int] = []
     for j in order.tolist():
         if len(chosen) < most and all(abs(j - other) > NEIGHBOURS for other in chosen):

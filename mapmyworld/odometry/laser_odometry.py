@@ -58,14 +58,17 @@ class LaserMotion:
 class LaserTracker:
     """Follows the robot from scan to scan in bounded memory."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, wheels: Array | None = None) -> None:
+        """`wheels` (15,): how the odometry is calibrated, if that is known."""
         self._odometry, self._matching = config.odometry, config.registration
         self._faults = OdometryFaults()
         self._degenerate = DegenerateSections()
         self._lost_ns: list[int] = []
         self._keyframes = Keyframes(config)
         self._state = np.zeros(8)  # pose, last step, overlaps: see `track_scans`
-        self._wheels, self._time = new_wheels(), UnobservedMotion()
+        self._wheels = new_wheels() if wheels is None else wheels.copy()
+        anchor(self._wheels, np.zeros(3))
+        self._time = UnobservedMotion()
         self._last_odometry: Array | None = None
         self._first_ns: int | None = None
         self._unmatched_steps = np.zeros(3)

@@ -22,7 +22,7 @@ from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.judge_odometry import judge_odometry
 from mapmyworld.stages.nodes import Motion, NodeSelector, Step, neighbours
 from mapmyworld.stages.plan_log import stage_of_log
-from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
+from mapmyworld.stages.trackers import Tracker, calibrate_wheels, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
 from mapmyworld.types.wording import source_in_words
 
@@ -48,13 +48,13 @@ def track(
     `lag_s`: by how much the odometry is known to be stamped later than the laser.
     """
     plan = plan.with_odometry_shifted(-lag_s) if lag_s else plan
+    tracker = tracker or make_tracker(plan, config, calibrate_wheels(log, plan, config, progress))
     counts, guard = FrameCounts(), ImageGuard()
     writer = _Writer(store, config, guard, wants_images=plan.camera is not None)
     frames = read_frames(
         log, plan, config.sensing, counts, stage_of_log("track", log, progress),
-        inertial=tracker is None and needs_inertial(plan),
+        inertial=needs_inertial(plan),
     )  # fmt: skip
-    tracker = tracker or make_tracker(plan, config)
     _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
     refuted = judge_odometry(store, config)

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import covariance_from_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.odometry.recorded_odometry import motion_covariance
 from mapmyworld.parallel import batches
-from mapmyworld.sensing import Plan
+from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.stages.nodes import Motion
-from mapmyworld.types import CameraTracking, Frame, LaserTracking, Odometry
+from mapmyworld.stages.plan_log import stage_of_log
+from mapmyworld.types import CameraTracking, Frame, LaserTracking, LogSource, Odometry, Progress
 
 if TYPE_CHECKING:
     from mapmyworld.odometry.visual_odometry import VisualMotion
@@ -40,13 +42,30 @@ class Tracker(Protocol):
         return ()
 
 
-def make_tracker(plan: Plan, config: Config) -> Tracker:
-    """Laser where there is one, else wheels, else the camera."""
+def make_tracker(plan: Plan, config: Config, wheels: Array | None = None) -> Tracker:
+    """Laser where there is one, else wheels, else the camera.
+
+    `wheels` (15,): how the odometry is calibrated, if that is known.
+    """
     if plan.scan is not None:
-        return LaserFollower(plan, config)
+        return LaserFollower(config, wheels)
     if plan.odometry is not None:
         return WheelFollower(plan)
     return CameraFollower(plan, config)
+
+
+def calibrate_wheels(
+    log: LogSource, plan: Plan, config: Config, progress: Progress
+) -> Array | None:
+    """(15,) how the log's odometry is calibrated; None where no laser shows that."""
+    if plan.scan is None or plan.odometry is None:
+        return None
+    from mapmyworld.odometry.wheel_calibration import calibrated_wheels
+
+    seen = replace(plan, camera=None, more_cameras=())
+    watch = stage_of_log("calibrate odometry", log, progress)
+    frames = read_frames(log, seen, config.sensing, watch=watch, inertial=False)
+    return calibrated_wheels(batches(frames, _AT_ONCE), config)
 
 
 def needs_inertial(plan: Plan) -> bool:
@@ -99,10 +118,10 @@ class CameraFollower(Tracker):
 class LaserFollower(Tracker):
     """Matches each scan against the local map, with the odometry as a prior."""
 
-    def __init__(self, plan: Plan, config: Config) -> None:
+    def __init__(self, config: Config, wheels: Array | None) -> None:
         from mapmyworld.odometry.laser_odometry import LaserTracker
 
-        self._tracker = LaserTracker(config)
+        self._tracker = LaserTracker(config, wheels)
 
     def follow(self, frames: Iterable[Frame]) -> Followed:
         """Scans that fit nothing wait for the next ones, which say whether tracking is lost."""

@@ -287,7 +287,7 @@ def pair_systems(
     source.
     """
     back, adjoint = np.zeros(12), np.empty((3, 3))
-    hit = np.zeros(4096, np.bool_)
+    hit = np.zeros(np.max(np.diff(bounds)), np.bool_)
     for k in range(first, last):
         t, s = pairs[k, 0], pairs[k, 1]
         out[k] = 0.0

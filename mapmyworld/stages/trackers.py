@@ -119,6 +119,7 @@ class LaserFollower(Tracker):
     """Matches each scan against the local map, with the odometry as a prior."""
 
     def __init__(self, config: Config, wheels: Array | None) -> None:
+        """`wheels` (15,): how the odometry is calibrated, if that is known."""
         from mapmyworld.odometry.laser_odometry import LaserTracker
 
         self._tracker = LaserTracker(config, wheels)

@@ -94,9 +94,11 @@ def prepare_points(
 ) -> int:
     """Fills `out` (N, 5): x, y, normal x, normal y, bearing, sorted by bearing; returns how many.
 
-    Of `points` (N, 2) seen from `origin` (2,). A point whose neighbours within `radius` lie on a
-    line is moved onto it and gets the line's normal, towards the lidar; others keep their place and
-    a zero normal.
+    Of `points` (N, 2) seen from `origin` (2,) those nearest to each multiple of `spacing` along the
+    sweep. The first ones beyond it would be those behind leaps, which rounded ranges have outwards
+    on one side of the lidar and inwards on the other: that turns all matches one way. A point whose
+    neighbours within `radius` lie on a line is moved onto it and gets the line's normal, towards
+    the lidar; others keep their place and a zero normal.
     """
     count = len(points)
     order = np.empty(count, np.int64)
@@ -112,12 +114,12 @@ def prepare_points(
     radius = max(radius, _NOISE_SPAN * noise)
     thickest = max(_THICK, 2.0 * noise)
     least_gap = max(_LEAST_GAP, _NOISE_GAP * noise)
-    kept, travelled = 0, np.inf
+    kept, begins, ends = 0, 0.0, 0.5 * spacing
     for i in range(count):
-        travelled += steps[i]
-        if travelled < spacing:
+        onward = steps[i + 1] if i + 1 < count else 0.0
+        begins, ends = ends, ends + 0.5 * (steps[i] + onward)
+        if np.floor(ends / spacing) == np.floor(begins / spacing):
             continue
-        travelled = 0.0
         dx, dy = xs[i] - origin[0], ys[i] - origin[1]
         distance = np.sqrt(dx * dx + dy * dy)
         gap = max(least_gap, _GAP * distance * increment)

@@ -41,8 +41,8 @@ def calibrated_wheels(groups: Iterable[list[Frame]], config: Config) -> Array:
     if noise:
         wheels[:2] = np.median(noise, axis=0)
     decided(
-        "track",
-        f"odometry calibrated by {count} frames: scale {wheels[2]:+.4f}, "
+        "calibrate",
+        f"odometry by {count} frames: scale {wheels[2]:+.4f}, "
         f"heading {np.degrees(wheels[3]):+.2f} deg per m and {wheels[4]:+.4f} per rad",
     )
     return wheels

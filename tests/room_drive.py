@@ -15,7 +15,7 @@ from mapmyworld.types import LaserScanMessage, Message
 START_NS = 1_700_000_000_000_000_000
 STEP_NS = 100_000_000
 ROOM = (6.0, 4.0)  # m, sides of the room, its corner at the origin
-PILLARS = ((1.2, 0.9, 0.25), (4.6, 3.1, 0.3), (5.1, 0.7, 0.2))  # x, y, radius in m
+PILLARS = ((1.2, 0.9, 0.25), (2.8, 3.5, 0.3), (5.1, 0.7, 0.2))  # x, y, radius in m
 MOUNT = (0.15, 0.0, 0.0)  # base_from_laser
 
 Entry = tuple[str, Message, int]

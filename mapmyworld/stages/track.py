@@ -12,6 +12,7 @@ import numpy as np
 
 from mapmyworld.config import Config, SensingConfig
 from mapmyworld.decisions import decided, is_heard
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import transforms_of_rows
 from mapmyworld.odometry.gravity_direction import GravityDirection
 from mapmyworld.parallel import batches, in_threads, made_ahead
@@ -22,7 +23,7 @@ from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.judge_odometry import judge_odometry
 from mapmyworld.stages.nodes import Motion, NodeSelector, Step, neighbours
 from mapmyworld.stages.plan_log import stage_of_log
-from mapmyworld.stages.trackers import Tracker, calibrate_wheels, make_tracker, needs_inertial
+from mapmyworld.stages.trackers import AT_ONCE, Tracker, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
 from mapmyworld.types.wording import source_in_words
 
@@ -48,7 +49,7 @@ def track(
     `lag_s`: by how much the odometry is known to be stamped later than the laser.
     """
     plan = plan.with_odometry_shifted(-lag_s) if lag_s else plan
-    tracker = tracker or make_tracker(plan, config, calibrate_wheels(log, plan, config, progress))
+    tracker = tracker or make_tracker(plan, config, _wheels(log, plan, config, progress))
     counts, guard = FrameCounts(), ImageGuard()
     writer = _Writer(store, config, guard, wants_images=plan.camera is not None)
     frames = read_frames(
@@ -84,6 +85,18 @@ def odometry_lag(store: MapStore, config: Config) -> float:
         if found["name"] == ODOMETRY_TO_LASER and not found["good"]:
             return float(found["value"]) if abs(found["value"]) < _LARGEST_LAG else 0.0
     return 0.0
+
+
+def _wheels(log: LogSource, plan: Plan, config: Config, progress: Progress) -> Array | None:
+    """(15,) how the log's odometry is calibrated; None where no laser shows that."""
+    if plan.scan is None or plan.odometry is None:
+        return None
+    from mapmyworld.odometry.wheel_calibration import calibrated_wheels
+
+    by_laser = replace(plan, camera=None, more_cameras=())
+    watch = stage_of_log("calibrate odometry", log, progress)
+    frames = read_frames(log, by_laser, config.sensing, watch=watch, inertial=False)
+    return calibrated_wheels(batches(frames, AT_ONCE), config)
 
 
 def _lag_notes(lag_s: float) -> Iterator[str]:

@@ -14,15 +14,15 @@ from mapmyworld.geometry.planar import covariance_from_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.odometry.recorded_odometry import motion_covariance
 from mapmyworld.parallel import batches
-from mapmyworld.sensing import Plan, read_frames
+from mapmyworld.sensing import Plan
 from mapmyworld.stages.nodes import Motion
-from mapmyworld.stages.plan_log import stage_of_log
-from mapmyworld.types import CameraTracking, Frame, LaserTracking, LogSource, Odometry, Progress
+from mapmyworld.types import CameraTracking, Frame, LaserTracking, Odometry
 
 if TYPE_CHECKING:
     from mapmyworld.odometry.visual_odometry import VisualMotion
 
-_AT_ONCE = 64  # scans that are followed in one go, or wait for later ones
+AT_ONCE = 64
+"""Scans that are followed in one go, or wait for later ones."""
 _OUT_OF_PLANE = 1e-8  # rad^2 and m^2 by which a planar robot leaves its plane, a step
 Followed = Iterator[tuple[Frame, Motion]]
 
@@ -52,20 +52,6 @@ def make_tracker(plan: Plan, config: Config, wheels: Array | None = None) -> Tra
     if plan.odometry is not None:
         return WheelFollower(plan)
     return CameraFollower(plan, config)
-
-
-def calibrate_wheels(
-    log: LogSource, plan: Plan, config: Config, progress: Progress
-) -> Array | None:
-    """(15,) how the log's odometry is calibrated; None where no laser shows that."""
-    if plan.scan is None or plan.odometry is None:
-        return None
-    from mapmyworld.odometry.wheel_calibration import calibrated_wheels
-
-    seen = replace(plan, camera=None, more_cameras=())
-    watch = stage_of_log("calibrate odometry", log, progress)
-    frames = read_frames(log, seen, config.sensing, watch=watch, inertial=False)
-    return calibrated_wheels(batches(frames, _AT_ONCE), config)
 
 
 def needs_inertial(plan: Plan) -> bool:
@@ -129,7 +115,7 @@ class LaserFollower(Tracker):
         waiting: list[tuple[Frame, Motion]] = []
         for frame, motion, is_open in self._tracked(frames):
             waiting.append((frame, motion))
-            if is_open and len(waiting) < _AT_ONCE:
+            if is_open and len(waiting) < AT_ONCE:
                 continue
             if motion.is_tracking_loss:
                 waiting = _lost_at_first(waiting)
@@ -139,7 +125,7 @@ class LaserFollower(Tracker):
 
     def _tracked(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Motion, bool]]:
         """Each frame, its motion, and whether later scans decide if tracking is lost there."""
-        for some in batches(frames, _AT_ONCE):
+        for some in batches(frames, AT_ONCE):
             tracked = self._tracker.track_all(some)
             poses = planar_to_matrix(np.stack([moment.pose for moment in tracked]))
             planar = np.stack([moment.covariance for moment in tracked])

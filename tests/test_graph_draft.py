@@ -157,3 +157,17 @@ def test_chains_say_what_the_whole_graph_says() -> None:
     )
     assert np.median(sigmas / true) == pytest.approx(1.0, abs=0.05)
     assert (sigmas > 0.95 * true).all()
+
+
+def test_a_chain_gives_its_error_to_the_motion_that_may_be_off() -> None:
+    """As where scans put odometry in doubt: the other motions of the chain are well measured."""
+    truth, nodes, motions = drive()
+    nodes, motions = nodes[:12], motions[:11]
+    wide = information_from_planar(np.diag([0.25, 0.25, 1.0]))
+    turned = motions[5].i_from_j @ planar_to_matrix([0.1, 0.0, 0.3])
+    motions[5] = replace(motions[5], i_from_j=turned, information=wide)
+    constraints = [*motions, closure(truth, 0, 11)]
+    start = np.stack([node.tracked_from_base for node in nodes])
+    whole = solve([node.id for node in nodes], start, constraints, True, DRAFT)
+    chains = solve_by_chains(nodes, constraints, True, DRAFT)
+    np.testing.assert_allclose(chains.poses.map_from_node, whole.poses.map_from_node, atol=0.01)

@@ -11,21 +11,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.backend.residuals import chi_squared_quantile
 from mapmyworld.config import GraphConfig
 from mapmyworld.geometry import Array, Index
-from mapmyworld.geometry.rigid import between, se3_adjoint
 from mapmyworld.graph.constraint_system import stated_system
 from mapmyworld.graph.graph_verdicts import judged
-from mapmyworld.graph.motion_chains import are_motions, composed_motions, followed, kept_nodes
+from mapmyworld.graph.motion_chains import are_motions, composed_motions, kept_nodes, shared_out
 from mapmyworld.graph.robust import RobustSolution
 from mapmyworld.graph.solved_graph import SolvedGraph, solve
 from mapmyworld.parallel import batches
 from mapmyworld.types import Constraint, Judge, Judged, Node, Poses
 
-_BLOCK = 4096  # nodes or motions that are worked on together, however long the log is
+_BLOCK = 4096  # motions that are worked on together, however long the log is
 _LONGEST = 16  # nodes of a chain, so that what is shared out along it is little
 
 
@@ -51,10 +49,7 @@ def solve_by_chains(
     composed = composed_motions(motions, set(ids[kept].tolist()))
     guess = np.stack(list(starts.values()))
     solved = solve(list(starts), guess, [*composed, *asked], planar, config)
-    poses = followed(nodes, kept, solved.poses)
-    if solved.poses.covariances is not None:
-        spread = _bridged(poses.map_from_node, kept, solved.poses, composed)
-        poses = replace(poses, covariances=spread)
+    poses = shared_out(motions, kept, ids, solved.poses)
     own = iter(_judged_motions(motions, ids, poses, planar, config) if motions_judged else motions)
     rest = iter(solved.constraints[len(composed) :])
     verdicts = tuple(
@@ -75,38 +70,6 @@ def landmark_guesses(
         if c.to_id < 0 and c.to_id not in guesses:
             guesses[c.to_id] = starts[c.from_id] @ c.i_from_j
     return guesses
-
-
-def _bridged(
-    map_from_node: Array, kept: NDArray[np.bool_], solved: Poses, composed: Sequence[Constraint]
-) -> Array:
-    """Covariances (N, 6, 6) of all nodes and landmarks, each in its own frame."""
-    assert solved.covariances is not None
-    rows, size = np.flatnonzero(kept), int(kept.sum())
-    before = np.cumsum(kept) - 1
-    after = np.minimum(before + 1, size - 1)
-    place = np.arange(len(kept)) - rows[before]
-    share = (place / np.maximum(rows[after] - rows[before], 1))[:, None, None]
-    motion = np.zeros((size, 6, 6))
-    row_of = {int(i): k for k, i in enumerate(solved.ids[:size])}
-    for c in composed:
-        motion[row_of[c.to_id]] = np.linalg.inv(c.information)
-    own = map_from_node[: len(kept)]
-    spread = np.zeros((len(kept), 6, 6))
-    for first in range(0, len(kept), _BLOCK):
-        some = slice(first, first + _BLOCK)
-        start, end, way = before[some], after[some], share[some]
-        at_start = (1.0 - way) * solved.covariances[start]
-        at_end = way * solved.covariances[end] + way * (1.0 - way) * motion[end]
-        spread[some] = _carried(at_start, own[rows[start]], own[some])
-        spread[some] += _carried(at_end, own[rows[end]], own[some])
-    return np.concatenate([spread, solved.covariances[size:]])
-
-
-def _carried(covariance: Array, end: Array, own: Array) -> Array:
-    """Covariances (N, 6, 6) of poses `end`, as of poses `own` that move with them."""
-    adjoint = se3_adjoint(between(own, end))
-    return np.asarray(adjoint @ covariance @ np.swapaxes(adjoint, 1, 2))
 
 
 def _judged_motions(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.types.rows import Rows
-from mapmyworld.types.sources import GIVEN, LOST, RELOCALISED, LaserTracking, Person, Source
+from mapmyworld.types.sources import GIVEN, RELOCALISED, LaserTracking, Person, Source
 from mapmyworld.types.verdicts import SUPERSEDING, Judge, Verdict
 
 
@@ -84,11 +84,6 @@ class Constraint:
     def is_unmatched(self) -> bool:
         """Whether scans fitted nothing on the way, so that odometry alone measured the motion."""
         return isinstance(self.source, LaserTracking) and self.source.state == "odometry only"
-
-    @property
-    def is_unobserved(self) -> bool:
-        """Whether neither scans nor odometry measured the motion."""
-        return isinstance(self.source, LaserTracking) and self.source.state == LOST
 
     @property
     def is_doubted(self) -> bool:

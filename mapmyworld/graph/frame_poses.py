@@ -23,7 +23,7 @@ def pose_every_frame(
 
     A frame follows its node at first and the next node at last, in proportion to its place among
     the frames between them, so that the path has no steps. Frames after the last node of a session,
-    or before one of the `constraints` across which tracking was lost, follow it alone.
+    or before one of the `constraints` that interrupt tracking, follow it alone.
     """
     row_of_id = {int(i): row for row, i in enumerate(poses.ids)}
     solved = np.stack([poses.map_from_node[row_of_id[node.id]] for node in nodes])

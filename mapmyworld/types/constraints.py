@@ -92,8 +92,8 @@ class Constraint:
 
     @property
     def interrupts_tracking(self) -> bool:
-        """Whether the poses before and after it do not follow each other as they were tracked."""
-        return self.is_tracking_loss or self.is_relocalised
+        """Whether poses before and after it may not follow each other as they were tracked."""
+        return self.is_tracking_loss or self.is_relocalised or self.is_doubted
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,11 +21,13 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     planar_to_matrix,
 )
+from mapmyworld.graph.chains import solve_by_chains
+from mapmyworld.graph.solved_graph import SolvedGraph
 from mapmyworld.odometry.pose_hypotheses import FAULT_SIZE
 from mapmyworld.places.laser_nodes import LaserNodes, laser_nodes
-from mapmyworld.places.refuted_odometry import refuted_odometry
+from mapmyworld.places.refuted_odometry import confirmed_odometry, refuted_odometry
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
-from mapmyworld.types import ConstraintKind, Judged, LaserTracking, Message, Why
+from mapmyworld.types import ConstraintKind, Judged, LaserTracking, Message, Node, Why
 from mapmyworld.types.wording import reason_of
 
 CONFIG = Config()
@@ -122,6 +125,36 @@ def test_odometry_is_in_doubt_where_little_speaks_for_another_pose() -> None:
     np.testing.assert_array_equal(anew.i_from_j, doubted.i_from_j)
     sigmas = np.sqrt(np.linalg.inv(information_to_planar(anew.information)).diagonal())
     assert sigmas == pytest.approx(FAULT_SIZE, rel=1e-3)
+
+
+@pytest.mark.parametrize(("off", "is_confirmed"), [(0.1, True), (1.5, False)])
+def test_odometry_stays_in_doubt_only_where_a_loop_needs_a_fault(
+    off: float, is_confirmed: bool
+) -> None:
+    """One that comes back 0.1 m off, as drift explains, or 1.5 m, as it does not."""
+    poses = planar_to_matrix(FORWARD)
+    nodes = [Node(k + 1, 0, k, pose, pose) for k, pose in enumerate(poses)]
+    motions = driven(FORWARD, FORWARD, WALLS)[1]
+    wide = covariance_from_planar(np.diag(FAULT_SIZE**2), off_plane=1e-8) + COVARIANCE
+    source = LaserTracking("odometry only", 0.0, doubted=True)
+    motions[10] = replace(motions[10], information=np.linalg.inv(wide), source=source)
+    back = planar_to_matrix(FORWARD[-1] + [off, 0.0, 0.0])
+    tied = [
+        Judged(1, 21 - k, ConstraintKind.LOOP_CLOSURE, back @ step, np.linalg.inv(COVARIANCE))
+        for k, step in enumerate([np.eye(4), planar_to_matrix(FORWARD[-2] - FORWARD[-1])])
+    ]
+
+    def solve(some: Sequence[Judged]) -> SolvedGraph:
+        return solve_by_chains(nodes, some, True, CONFIG.graph)
+
+    judged = confirmed_odometry([*motions, *tied], solve)
+    assert judged[10].is_superseded is is_confirmed
+    if is_confirmed:
+        sigmas = np.sqrt(np.linalg.inv(information_to_planar(judged[-1].information)).diagonal())
+        assert sigmas == pytest.approx([0.02, 0.02, 0.01], rel=1e-3)
+        assert "no longer in doubt" in reason_of(judged[10])
+    else:
+        assert judged == [*motions, *tied]
 
 
 def test_sound_odometry_is_kept_whatever_did_not_fit() -> None:

@@ -7,7 +7,7 @@ shows it is that the place afterwards lies in what was seen before, but at anoth
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -24,6 +24,7 @@ from mapmyworld.geometry.planar import (
     planar_adjoint,
     planar_to_matrix,
 )
+from mapmyworld.graph.solved_graph import SolvedGraph
 from mapmyworld.odometry.pose_hypotheses import FAULT, FAULT_SIZE
 from mapmyworld.odometry.tracking_losses import UNKNOWN
 from mapmyworld.parallel import in_threads
@@ -46,6 +47,7 @@ from mapmyworld.registration.scan_search import (
     search_about,
 )
 from mapmyworld.types import (
+    CLOSURES,
     RELOCALISED,
     ConstraintKind,
     Judge,
@@ -116,6 +118,34 @@ def refuted_odometry(
         for c in constraints
     ]
     return [*judged, *anew]
+
+
+def confirmed_odometry(
+    constraints: Sequence[Judged], solve: Callable[[Sequence[Judged]], SolvedGraph]
+) -> list[Judged]:
+    """The constraints; motions in doubt are as certain as measured again where closures allow it.
+
+    A fault explains whatever a loop is off by, and so does drift. A mixture of both, as in Olson
+    and Agarwal, "Inference on networks of mixtures" (2013), of which the likelier one is taken: the
+    fault, where it lets a closure in, or lowers what `solve` leaves by more than it is improbable.
+    """
+    doubted = [row for row, c in enumerate(constraints) if c.accepted and c.is_doubted]
+    if not doubted:
+        return list(constraints)
+    confirmed, anew = set[int](), list[Judged]()
+    best = solve(constraints)
+    for row in doubted:
+        rows, motions = confirmed | {row}, [*anew, _no_longer_doubted(constraints[row])]
+        found = solve([*(c for k, c in enumerate(constraints) if k not in rows), *motions])
+        if found.cost - best.cost < _FAULT and _closures_in(found) >= _closures_in(best):
+            confirmed, anew, best = rows, motions, found
+    verdict = Verdict(Judge.GRAPH, False, Why.CONFIRMED)
+    judged = (c.judged(verdict) if k in confirmed else c for k, c in enumerate(constraints))
+    return [*judged, *anew]
+
+
+def _closures_in(solved: SolvedGraph) -> int:
+    return sum(c.accepted for c in solved.constraints if c.kind in CLOSURES)
 
 
 def is_unsupported(c: Judged) -> bool:
@@ -255,6 +285,15 @@ def _doubted(c: Judged) -> Judged:
         np.square(FAULT_SIZE)
     )
     return _measured_anew(c, c.i_from_j, covariance, replace(c.source, doubted=True))
+
+
+def _no_longer_doubted(c: Judged) -> Judged:
+    """The same motion, which is no fault."""
+    assert isinstance(c.source, LaserTracking)
+    covariance = np.linalg.inv(information_to_planar(c.information)) - np.diag(
+        np.square(FAULT_SIZE)
+    )
+    return _measured_anew(c, c.i_from_j, covariance, replace(c.source, doubted=False))
 
 
 def _measured_anew(c: Judged, motion: Array, covariance: Array, source: Source) -> Judged:

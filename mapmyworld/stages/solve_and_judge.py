@@ -49,6 +49,7 @@ def solve_and_judge(
         decided("optimise", f"{new} new closures from the poses of this round")
         if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in CLOSURES):
             break
+    _confirm_odometry(store, config)
     solved = _solve(store, _edited(store), config, progress)
     poses, constraints, noise = _refined(store, solved, config, progress, scans)
     decided_on("verdict", (c for c in constraints if c.verdicts))
@@ -64,6 +65,21 @@ def solve_and_judge(
     others = unmet(constraints, wanted)
     others += _contradictions(store, config, progress, solved, poses)
     note_solution(store, solved.certainty, others, notes, _divides(scans), noise)
+
+
+def _confirm_odometry(store: MapStore, config: Config) -> None:
+    """Motions in doubt that closures do not need to be faults are certain again."""
+    constraints = store.constraints()
+    if any(c.is_doubted for c in constraints):
+        from mapmyworld.places.refuted_odometry import confirmed_odometry
+
+        edits = _edits(store)
+        store.judge(
+            confirmed_odometry(
+                constraints,
+                lambda some: solve_draft_of(store, config, apply_edits(some, edits)),
+            )
+        )
 
 
 def note_solution(

@@ -39,6 +39,7 @@ class Why(StrEnum):
     CORRECTED = "corrected by images"
     REFUTED = "refuted by scans"
     DOUBTED = "doubted by scans"
+    CONFIRMED = "confirmed by closures"
     ACCEPTED_BY_HAND = "accepted by hand"
     REJECTED_BY_HAND = "rejected by hand"
     UNUSABLE = "cannot be used"
@@ -52,7 +53,14 @@ class Why(StrEnum):
 
 
 SUPERSEDING = frozenset(
-    {Why.CORRECTED, Why.REFUTED, Why.DOUBTED, Why.MEASURED_ANEW, Why.CARRIED_OVER}
+    {
+        Why.CORRECTED,
+        Why.REFUTED,
+        Why.DOUBTED,
+        Why.CONFIRMED,
+        Why.MEASURED_ANEW,
+        Why.CARRIED_OVER,
+    }
 )
 """Grounds on which a constraint gives way to another of the same, which is kept as well."""
 

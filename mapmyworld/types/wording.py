@@ -60,6 +60,7 @@ _VERDICTS: Mapping[Why, str] = {
     "where odometry does",
     Why.DOUBTED: "odometry in doubt: scans fit better {metres:.2f} m and {degrees:.0f} deg from "
     "where it places the robot",
+    Why.CONFIRMED: "odometry no longer in doubt: closures fit without a fault",
     Why.ACCEPTED_BY_HAND: "by hand: accepted: {note}",
     Why.REJECTED_BY_HAND: "by hand: rejected: {note}",
     Why.UNUSABLE: "cannot be used: {note}",

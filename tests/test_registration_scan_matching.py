@@ -232,16 +232,20 @@ def seen_from_origin(points: np.ndarray) -> Submap:
     return Submap(points, np.zeros((1, 2)), np.array([0, len(points)]))
 
 
-def test_branch_and_bound_finds_what_trying_every_pose_finds() -> None:
+@pytest.mark.parametrize("side", [16, 1])  # squares of 8 cells to each side of a block
+@pytest.mark.parametrize("x", [0.2, -4.0, 5.0])  # from which shifts lead beyond the grid
+def test_branch_and_bound_finds_what_trying_every_pose_finds(side: int, x: float) -> None:
     random = np.random.default_rng(3)
     grid = evidence_grid(seen_from_origin(random.uniform(-3, 3, (60, 2))))
     points = random.uniform(-2, 2, (25, 2))
-    guess, angles, reach = np.array([0.2, -0.1, 0.1]), np.arange(-5, 6) * 0.1, 9
+    guess, angles, reach = np.array([x, -0.1, 0.1]), np.arange(-2, 3) * 0.2, 15
+    starts = np.arange(-reach, reach + 1, 8 * side)
+    blocks = np.stack(np.meshgrid(starts, starts), axis=-1).reshape(-1, 2)
     found = np.zeros(4)
     nowhere = np.array([0.0, 0.0, 0.0, -1.0, -1.0])
     best_shift(
-        grid.pyramid, grid.margin, points, grid.corner, grid.resolution, grid.unseen, guess,
-        np.array([[-reach, -reach]]), reach, angles, 0.0, nowhere, found,
+        grid.pyramid, grid.strips, grid.margin, points, grid.corner, grid.resolution, grid.unseen,
+        guess, blocks, side, reach, angles, 0.0, nowhere, found,
     )  # fmt: skip
     assert found[0] == pytest.approx(_best_by_trying(grid, points, guess, angles, reach), abs=1e-6)
 

@@ -4,6 +4,9 @@ Hess, Kohler, Rapp, Andor, "Real-time loop closure in 2D LIDAR SLAM", ICRA 2016:
 pyramid holds, at each cell, the maximum over the 2^k x 2^k cells to the right and above, so a
 lookup there bounds the score of all those shifts at once. A point scores no more than it did a
 level higher, so a sum is given up as soon as what its points have lost since is too much.
+
+The squares of the top level are bounded together, a little less tightly: what one point has in all
+of them lies side by side in memory, and is added to their sums by vector instructions.
 """
 
 from __future__ import annotations
@@ -14,6 +17,8 @@ from numpy.typing import NDArray
 from mapmyworld.kernels.compiling import inner_jit, jit
 
 FULL = 255  # likelihood of a cell that holds a surface
+SIDE = 16
+"""Squares of the pyramid's top level that are bounded together, on each side."""
 
 
 @jit
@@ -58,16 +63,50 @@ def _excess(
     return slack
 
 
+@inner_jit
+def _add_bounds(
+    strips: NDArray[np.int8],
+    cells: NDArray[np.int32],
+    column: int,
+    row: int,
+    shift: int,
+    rows: int,
+    sums: NDArray[np.int32],
+) -> None:
+    """Fills `sums` (SIDE * SIDE,) with what all points have more than unseen, square by square.
+
+    At least: the points' `cells` (N, 2), shifted by `column` and `row`, are looked up in `strips`,
+    `shift` bits coarser. Only so many `rows` of squares are summed.
+    """
+    count, _, height, _ = strips.shape
+    flat = strips.reshape(-1)
+    for k in range(rows * SIDE):
+        sums[k] = 0
+    for i in range(len(cells)):
+        x, y = (cells[i, 0] + column) >> shift, (cells[i, 1] + row) >> shift
+        strip, line = x + 2 * SIDE, y >> 1
+        first, last = max(0, -line), min(rows, height - line)
+        if strip < 0 or strip >= count or first >= last:
+            continue
+        # Unsigned, so that nothing is counted from the end, and the loop becomes a vector's.
+        begin = np.uint64((((strip * 2 + (y & 1)) * height) + line + first) * SIDE)
+        own = np.uint64(first * SIDE)
+        for k in range((last - first) * SIDE):
+            sums[own + np.uint64(k)] += np.int32(flat[begin + np.uint64(k)])
+
+
 @jit
 def best_shift(
     pyramid: NDArray[np.uint8],
+    strips: NDArray[np.int8],
     margin: int,
     points: NDArray[np.float64],
     corner: NDArray[np.float64],
     resolution: float,
     outside: int,
     guess: NDArray[np.float64],
-    squares: NDArray[np.int64],
+    blocks: NDArray[np.int64],
+    side: int,
     reach: int,
     angles: NDArray[np.float64],
     least: float,
@@ -77,30 +116,40 @@ def best_shift(
     """Fills `result` (4,), score, x, y, yaw, with the best pose that scores above `least`.
 
     It lays `points` (N, 2), m, on level 0 of the `pyramid` (L, H, W), whose first cell but for the
-    padding is at `corner` (2,), m. Shifts are those in `squares` (S, 2), lower left cells from
-    `guess` (3,) of squares as large as the top of the pyramid, up to `reach` cells to the right and
-    above, at the yaws `guess + angles`, `angles` (A,) in rad. Poses within `avoid` (5,), x, y, yaw,
-    metres, radians, are left out. `margin` cells pad the grid on all sides, beyond which every cell
-    is worth `outside`.
+    padding is at `corner` (2,), m. Shifts are those in `blocks` (S, 2), lower left cells from
+    `guess` (3,) of `side` x `side` squares as large as those of the top of the pyramid, up to
+    `reach` cells to the right and above, at the yaws `guess + angles`, `angles` (A,) in rad. Poses
+    within `avoid` (5,), x, y, yaw, metres, radians, are left out. `margin` cells pad the grid on
+    all sides, beyond which every cell is worth `outside`. `strips` (X, 2, Y, SIDE) bound the top
+    level for a row of squares: each next one is two of their cells on, and so are the rows of Y.
     """
-    top = pyramid.shape[0] - 1
-    turns, count = len(angles), len(points)
-    cells = np.empty((turns, count, 2), np.int32)
+    top, count = pyramid.shape[0] - 1, len(points)
+    square = 1 << top
+    cells = np.empty((count, 2), np.int32)
     best = int(least * FULL * count)
     result[0] = least
-    roots = np.empty((turns * len(squares), 3), np.int64)
-    bounds, at_roots = np.empty(len(roots), np.int64), np.empty((len(roots), count), np.uint8)
-    values = np.empty((top, 4, count), np.uint8)  # of the nodes on the way down, by their place
-    full, found = np.full(count, FULL, np.uint8), 0
-    for turn in range(turns):
-        _place(points, guess, angles[turn], corner, resolution, margin, cells[turn])
-        for square in range(len(squares)):
-            column, row = squares[square, 0], squares[square, 1]
-            excess = _excess(
-                pyramid[top], cells[turn], column, row, outside, full, FULL * count - best,
-                at_roots[found],
-            )  # fmt: skip
-            if excess > 0:
+    roots, bounds, found = np.empty((256, 3), np.int32), np.empty(256, np.int64), 0
+    values = np.empty((top + 1, 4, count), np.uint8)  # of nodes on the way down, by their place
+    full, sums = np.full(count, FULL, np.uint8), np.empty(SIDE * SIDE, np.int32)
+    for turn in range(len(angles)):
+        _place(points, guess, angles[turn], corner, resolution, margin, cells)
+        for block in range(len(blocks)):
+            left, low = blocks[block, 0], blocks[block, 1]
+            rows = min(side, (reach - low) // square + 1)
+            columns = min(side, (reach - left) // square + 1)
+            _add_bounds(strips, cells, left, low, top - 1, rows, sums)
+            for k in range(rows * SIDE):
+                if k % SIDE >= columns or sums[k] + outside * count <= best:
+                    continue
+                column, row = left + k % SIDE * square, low + k // SIDE * square
+                excess = _excess(
+                    pyramid[top], cells, column, row, outside, full, FULL * count - best,
+                    values[top, 0],
+                )  # fmt: skip
+                if excess <= 0:
+                    continue
+                if found == len(roots):
+                    roots, bounds = _twice_as_long(roots, bounds)
                 roots[found, 0], roots[found, 1], roots[found, 2] = turn, column, row
                 bounds[found] = best + excess
                 found += 1
@@ -110,8 +159,13 @@ def best_shift(
     for root in order:
         if bounds[root] <= best:
             break
-        turn, column, row = roots[root, 0], roots[root, 1], roots[root, 2]
-        stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = top, column, row, 0
+        turn = roots[root, 0]
+        _place(points, guess, angles[turn], corner, resolution, margin, cells)
+        _excess(
+            pyramid[top], cells, roots[root, 1], roots[root, 2], outside, full, FULL * count,
+            values[top, 0],
+        )  # fmt: skip
+        stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = top, roots[root, 1], roots[root, 2], 0
         upper[0], depth = bounds[root], 1
         while depth > 0:
             depth -= 1
@@ -127,7 +181,7 @@ def best_shift(
                     result[0], result[1] = best / (FULL * count), x
                     result[2], result[3] = y, yaw
                 continue
-            most = at_roots[root] if level == top else values[level, stack[depth, 3]]
+            most = values[level, stack[depth, 3]]
             half, bottom, above = 1 << (level - 1), depth, upper[depth]
             for a in range(2):
                 for b in range(2):
@@ -135,7 +189,7 @@ def best_shift(
                     if c > reach or r > reach:
                         continue
                     excess = _excess(
-                        pyramid[level - 1], cells[turn], c, r, outside, most,
+                        pyramid[level - 1], cells, c, r, outside, most,
                         above - best, values[level - 1, own],
                     )  # fmt: skip
                     if excess <= 0:
@@ -150,6 +204,19 @@ def best_shift(
                     upper[k] = bound
                     stack[k, 0], stack[k, 1], stack[k, 2], stack[k, 3] = level - 1, c, r, own
                     depth += 1
+
+
+@inner_jit
+def _twice_as_long(
+    roots: NDArray[np.int32], bounds: NDArray[np.int64]
+) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """The same rows (R, 3) and (R,), with room for as many more."""
+    more, higher = np.empty((2 * len(roots), 3), np.int32), np.empty(2 * len(roots), np.int64)
+    for k in range(len(roots)):
+        higher[k] = bounds[k]
+        for i in range(3):
+            more[k, i] = roots[k, i]
+    return more, higher
 
 
 @inner_jit

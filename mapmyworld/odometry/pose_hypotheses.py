@@ -17,7 +17,7 @@ from mapmyworld.registration.scan_search import (
     NATS,
     are_one,
     evidence_elsewhere,
-    search_evidence,
+    search_about,
 )
 
 FEWEST = 12
@@ -80,11 +80,9 @@ def likeliest_match(
     reach = 3.0 * np.sqrt(prior.variances[[0, 2]])
     needed = needed_evidence(distance, angle)
     starts = [first.pose, compose_planar(state[:3], state[3:6]), state[:3].copy(), prior.pose]
-    found = search_evidence(
-        view.submap.scored, place.grid, starts[2], distance, angle, FORTH * needed
-    )
+    found = search_about(view.submap.scored, place.grid, starts[2], distance, angle, FORTH * needed)
     if found is not None:
-        starts.append(found.pose)
+        starts.append(found)
     plain, its_prior = place.agreement_with(view, first.pose), prior.log(first.pose, config)
     points = keyframes.independent_points(scan, settings)
     window = np.minimum(reach, (distance, angle))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -151,11 +151,15 @@ def _compare_all(
     def around(b: int) -> Place:
         return place_around(nodes, b, config, size)
 
+    @functools.cache  # few points, and most of a wide search needs no more of a place
+    def scored(b: int) -> Array:
+        return around(b).submap.scored
+
     def compare(target: tuple[int, list[int]]) -> list[Judged]:
         a, rows = target
         place = place_around(nodes, a, config, size)  # large: one a thread is held
         others = [pairs[k][1] for k in rows]
-        return [_compare(nodes, place, a, b, around(b), config, widest) for b in others]
+        return [_compare(nodes, place, a, b, scored, around, config, widest) for b in others]
 
     found = in_threads(compare, by_target.items(), config.threads)
     places = [k for rows in by_target.values() for k in rows]
@@ -165,8 +169,9 @@ def _compare_all(
 
 
 def _compare(
-    nodes: LaserNodes, place: Place, a: int, b: int, around: Place, config: Config, widest: float
-) -> Judged:
+    nodes: LaserNodes, place: Place, a: int, b: int, scored: Callable[[int], Array],
+    around: Callable[[int], Place], config: Config, widest: float,
+) -> Judged:  # fmt: skip
     size = place.submap.size
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     distance, angle = drift_window(nodes, a, b, widest)
@@ -176,17 +181,16 @@ def _compare(
         searched = min(searched, np.sqrt(MOST) * distance)
     needed = needed_evidence(searched, angle)
     found = search_evidence(
-        around.submap.scored, place.grid, centre, distance, angle, FORTH * needed,
-        place.submap.behind,
-    )  # fmt: skip
+        scored(b), place.grid, centre, distance, angle, FORTH * needed, place.submap.behind
+    )
     if found is None:
         verdict = Verdict(Judge.LASER, False, Why.NOTHING_IN_COMMON)
         return _constraint(nodes, a, b, guess, np.eye(3), ScanMatch(), verdict)
     match = match_submaps(nodes, a, b, found.pose, config, size)
     moved = between_planar(guess, match.pose)
-    agreement = place.agreement_with(around, match.pose)
+    agreement = place.agreement_with(around(b), match.pose)
     second_best = (
-        place.agreement_with(around, found.second_best_pose) if found.second_best > 0.0 else None
+        place.agreement_with(around(b), found.second_best_pose) if found.second_best > 0.0 else None
     )
     source = ScanMatch(
         agreement.evidence, second_best.evidence if second_best else 0.0,

@@ -8,11 +8,11 @@ import numpy as np
 
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import invert_planar, transform_points_planar
+from mapmyworld.registration.likelihood_grid import LikelihoodGrid
 from mapmyworld.registration.place_evidence import FORTH, Agreement, Place, chance, needed_evidence
 from mapmyworld.registration.scan_search import (
     MARGIN,
     NATS,
-    LikelihoodGrid,
     Submap,
     evidence_grid,
     judged_points,

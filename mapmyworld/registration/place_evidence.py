@@ -8,12 +8,12 @@ import numpy as np
 
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import invert_planar
+from mapmyworld.registration.likelihood_grid import LikelihoodGrid
 from mapmyworld.registration.scan_matching import PreparedScan, scan_set
 from mapmyworld.registration.scan_search import (
     APART,
     MARGIN,
     NATS,
-    LikelihoodGrid,
     Submap,
     continue_walls,
     evidence_grid,

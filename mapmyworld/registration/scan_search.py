@@ -11,20 +11,19 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, transform_points_planar
-from mapmyworld.kernels.branch_and_bound import FULL, best_shift, mark_beside
+from mapmyworld.kernels.branch_and_bound import FULL, SIDE, best_shift
 from mapmyworld.kernels.rays import count_scans
+from mapmyworld.registration.likelihood_grid import RESOLUTION, SQUARE, UNSEEN, LikelihoodGrid
 from mapmyworld.registration.scan_matching import ScanSet
 from mapmyworld.types import OccupancyGrid
 
 Window = tuple[
-    NDArray[np.uint8], int, Array, Array, float, int, Array, NDArray[np.int64], int, Array
-]
+    NDArray[np.uint8], NDArray[np.int8], int, Array, Array, float, int, Array, NDArray[np.int64],
+    int, int, Array,
+]  # fmt: skip
 """What `best_shift` is given of grid, points and window."""
-_RESOLUTION = 0.1  # m, cells of the likelihood grid
-_LEVELS = 6  # of the pyramid: the coarsest bounds 3.2 m x 3.2 m of shifts
-_UNSEEN = FULL - FULL // 2  # of a cell that no beam passed: it speaks for no pose and against none
-_BESIDE = FULL // 2 + _UNSEEN // 2  # of a cell beside a surface: it speaks half as much for a pose
-_WALL = 5.0 * _RESOLUTION  # m around a point that show which way its wall goes
+_PART = 4  # squares on each side of a part of a whole map that is looked at, if any of it is known
+_WALL = 5.0 * RESOLUTION  # m around a point that show which way its wall goes
 _BEFORE = np.stack(np.meshgrid(*2 * [np.arange(-3.0, 4.0)]), axis=-1).reshape(-1, 2)
 """Cells around a surface that reach past those beside it, (K, 2)."""
 POINTS = 140
@@ -38,47 +37,6 @@ NATS = 0.23
 MARGIN = float(np.log(100.0) / NATS)
 """Evidence, in points, by which a pose is a hundred times as likely as another."""
 _NOWHERE = np.array([0.0, 0.0, 0.0, -1.0, -1.0])
-
-
-@dataclass(frozen=True, eq=False)
-class LikelihoodGrid:
-    """How likely a surface is, cell by cell, and its maxima over ever larger squares."""
-
-    cells: NDArray[np.uint8]
-    """(H, W), 255 where there is one."""
-    corner: Array
-    """(2,) of the first unpadded cell, in the frame of the points."""
-    margin: int
-    resolution: float
-    unseen: int
-    """Value of a cell of which nothing is known."""
-
-    @staticmethod
-    def of(cells: NDArray[np.uint8], corner: Array, margin: int) -> LikelihoodGrid:
-        """Of cells (H, W) that hold a surface, are free or not seen, the first at `corner` (2,)."""
-        mark_beside(cells, _BESIDE)
-        return LikelihoodGrid(cells, corner, margin, _RESOLUTION, _UNSEEN)
-
-    @cached_property
-    def pyramid(self) -> NDArray[np.uint8]:
-        """(L, H, W) of L levels, the cells first; only a search needs it."""
-        pyramid = np.empty((_LEVELS, *self.cells.shape), np.uint8)
-        pyramid[0] = self.cells
-        for level, (below, above) in enumerate(pairwise(pyramid)):
-            reach = 1 << level  # as far as the grid goes
-            np.maximum(below[:, :-reach], below[:, reach:], out=above[:, :-reach])
-            np.maximum(below[:, -reach:], below[:, -1:], out=above[:, -reach:])
-            np.maximum(above[:-reach], above[reach:], out=above[:-reach])
-            np.maximum(above[-reach:], above[-1:], out=above[-reach:])
-        return pyramid
-
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """The lower left and the upper right corner, (2,) both, m, of what is not padding."""
-        height, width = self.cells.shape
-        return self.corner, self.corner + self.resolution * (
-            np.array([width, height]) - 2 * self.margin
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,36 +96,36 @@ class Found:
 
 def evidence_grid(submap: Submap) -> LikelihoodGrid:
     """The grid of what scans indicate for and against a surface: 255 for, 0 against, 128 unseen."""
-    margin = 1 << (_LEVELS - 1)
+    margin = SQUARE
     low = submap.points.min(axis=0, initial=np.inf if len(submap.points) else 0.0)
-    corner = low - 2.0 * _RESOLUTION
-    ends = np.ascontiguousarray((submap.points - corner) / _RESOLUTION + margin)
+    corner = low - 2.0 * RESOLUTION
+    ends = np.ascontiguousarray((submap.points - corner) / RESOLUTION + margin)
     cells = np.floor(ends).astype(np.int64)
     width, height = cells.max(axis=0, initial=margin) + 3 + margin
     edge = np.array([width, height]) - 1e-3
-    starts = np.clip((submap.origins - corner) / _RESOLUTION + margin, 0.0, edge)
+    starts = np.clip((submap.origins - corner) / RESOLUTION + margin, 0.0, edge)
     hits, passes = np.zeros((2, height, width), np.uint16)
     marks = np.zeros((height, width), np.uint8)
     count_scans(hits, passes, marks, starts, ends, np.ones(len(ends), np.bool_), submap.bounds)
-    found = np.where(passes > 0, 0, _UNSEEN).astype(np.uint8)
+    found = np.where(passes > 0, 0, UNSEEN).astype(np.uint8)
     found[cells[:, 1], cells[:, 0]] = FULL
     return LikelihoodGrid.of(found, corner, margin)
 
 
 def occupancy_evidence(grid: OccupancyGrid) -> tuple[Array, LikelihoodGrid]:
     """Surface points (N, 2) of an occupancy grid, and the grid of its evidence."""
-    cells, margin = grid.trinary(), 1 << (_LEVELS - 1)
+    cells, margin = grid.trinary(), SQUARE
     rows, columns = np.nonzero(cells >= 0)
     middles = (np.stack([columns, rows], axis=1) + 0.5) * grid.resolution
-    at = np.floor(middles / _RESOLUTION).astype(np.int64) + margin + 2
+    at = np.floor(middles / RESOLUTION).astype(np.int64) + margin + 2
     width, height = at.max(axis=0, initial=margin) + 3 + margin
-    known = np.full((height, width), _UNSEEN, np.uint8)
+    known = np.full((height, width), UNSEEN, np.uint8)
     is_hit = cells[rows, columns] == 100
     known[at[~is_hit, 1], at[~is_hit, 0]] = 0
     known[at[is_hit, 1], at[is_hit, 0]] = FULL
-    corner = np.asarray(grid.origin, np.float64) - 2.0 * _RESOLUTION
+    corner = np.asarray(grid.origin, np.float64) - 2.0 * RESOLUTION
     found = LikelihoodGrid.of(known, corner, margin)
-    return spread_points(grid.origin + middles[is_hit], _RESOLUTION), found
+    return spread_points(grid.origin + middles[is_hit], RESOLUTION), found
 
 
 def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[np.int64]:
@@ -202,7 +160,7 @@ def _values(grid: LikelihoodGrid, points: Array) -> NDArray[np.int64]:
 def lie_on_a_line(points: Array) -> bool:
     """Whether points (N, 2) spread less than a cell across: then they are about all of one wall."""
     across = np.linalg.eigvalsh(np.cov(points.T, ddof=0))[0] if len(points) > 2 else 0.0
-    return bool(across < _RESOLUTION**2)
+    return bool(across < RESOLUTION**2)
 
 
 def continue_walls(points: Array, walls: Array) -> NDArray[np.bool_]:
@@ -211,7 +169,7 @@ def continue_walls(points: Array, walls: Array) -> NDArray[np.bool_]:
     beside = np.hypot(*apart.T) < _WALL
     _, axes = np.linalg.eigh(np.einsum("ijk,ijl,ij->ikl", apart, apart, beside))
     off = np.einsum("nwk,wk->nw", points[:, None] - walls, axes[:, :, 0])
-    return np.asarray((np.abs(off) < _RESOLUTION).any(axis=1))
+    return np.asarray((np.abs(off) < RESOLUTION).any(axis=1))
 
 
 def search_evidence(
@@ -225,7 +183,7 @@ def search_evidence(
     if len(points) == 0:
         return None
     fixed = _window(points, grid, guess, distance, angle)
-    a_point = 0.5 / len(fixed[2])  # of score: from a miss over nothing to a hit it is one
+    a_point = 0.5 / len(fixed[3])  # of score: from a miss over nothing to a hit it is one
     floor = 0.5 + least * a_point
     best = _best(fixed, _NOWHERE, floor)
     if best is None:
@@ -247,7 +205,7 @@ def evidence_elsewhere(
     farther `behind` in evidence than a pose with this `score` elsewhere, if any.
     """
     window = _window(points, grid, pose, distance, angle)
-    least = max(least, (2.0 * score - 1.0) * len(window[2]) - behind)
+    least = max(least, (2.0 * score - 1.0) * len(window[3]) - behind)
     return _best_of(window, np.array([*pose, *APART]), least)
 
 
@@ -282,20 +240,21 @@ def search_elsewhere(
 def _everywhere(points: Array, grid: LikelihoodGrid) -> Window:
     step = 2.0 * _step(points, grid)
     angles = np.arange(-np.pi, np.pi, step)
-    side = 1 << (len(grid.pyramid) - 1)
+    width = _PART * SQUARE
     rows, columns = np.nonzero(grid.cells != grid.unseen)
-    squares = np.unique(np.stack([columns, rows], axis=1) // side, axis=0) * side - grid.margin
+    known = np.stack([columns, rows], axis=1) - grid.margin
+    parts = np.unique(known // width, axis=0) * width
     guess = np.append(grid.corner + 0.5 * grid.resolution, 0.0)
     reach = max(grid.pyramid.shape)
     return (
-        grid.pyramid, grid.margin, points, grid.corner, grid.resolution, grid.unseen, guess,
-        squares, reach, angles,
+        grid.pyramid, grid.strips, grid.margin, points, grid.corner, grid.resolution, grid.unseen,
+        guess, parts, _PART, reach, angles,
     )  # fmt: skip
 
 
 def _best_of(window: Window, avoid: Array, least: float) -> Array | None:
     """The best pose of more evidence, in points, than `least`."""
-    best = _best(window, avoid, 0.5 + least * 0.5 / max(len(window[2]), 1))
+    best = _best(window, avoid, 0.5 + least * 0.5 / max(len(window[3]), 1))
     return None if best is None else best[1:]
 
 
@@ -314,12 +273,11 @@ def _window(
     count = int(np.ceil(angle / step))
     angles = np.arange(-count, count + 1, dtype=np.float64) * step
     reach = int(np.ceil(distance / grid.resolution))
-    side = 1 << (len(grid.pyramid) - 1)
-    starts = np.arange(-reach, reach + 1, side)
-    squares = np.stack(np.meshgrid(starts, starts, indexing="ij"), axis=-1).reshape(-1, 2)
+    starts = np.arange(-reach, reach + 1, SIDE * SQUARE)
+    blocks = np.stack(np.meshgrid(starts, starts, indexing="ij"), axis=-1).reshape(-1, 2)
     return (
-        grid.pyramid, grid.margin, points, grid.corner, grid.resolution, grid.unseen, guess,
-        squares, reach, angles,
+        grid.pyramid, grid.strips, grid.margin, points, grid.corner, grid.resolution, grid.unseen,
+        guess, blocks, SIDE, reach, angles,
     )  # fmt: skip
 
 
@@ -339,7 +297,7 @@ def scored_points(points: Array, most: int = POINTS) -> Array:
     """Of points (N, 2) one to a cell, so that what was seen twice counts once, (P, 2); so many at
     most.
     """
-    apart = spread_points(points, _RESOLUTION)
+    apart = spread_points(points, RESOLUTION)
     few = np.linspace(0, len(apart) - 1, min(most, len(apart))).astype(np.int64)
     return np.ascontiguousarray(apart[few], np.float64)
 

@@ -107,7 +107,7 @@ def evidence_grid(submap: Submap) -> LikelihoodGrid:
     hits, passes = np.zeros((2, height, width), np.uint16)
     marks = np.zeros((height, width), np.uint8)
     count_scans(hits, passes, marks, starts, ends, np.ones(len(ends), np.bool_), submap.bounds)
-    found = np.where(passes > 0, 0, UNSEEN).astype(np.uint8)
+    found = np.where(passes > 0, np.uint8(0), np.uint8(UNSEEN))
     found[cells[:, 1], cells[:, 0]] = FULL
     return LikelihoodGrid.of(found, corner, margin)
 

@@ -19,7 +19,7 @@ from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to
 from mapmyworld.kernels.wheel_model import new_wheels
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.particles.contradictions import Contradictions, contradictions
-from mapmyworld.particles.fastslam import run_fastslam, smooth_path
+from mapmyworld.particles.fastslam import reaches_from, run_fastslam, smooth_path
 from mapmyworld.particles.filter import ParticleFilter
 from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import loops_reentered
@@ -28,6 +28,7 @@ from mapmyworld.particles.kernels.surface_tiles import Beams
 from mapmyworld.particles.motions import Motion, motions_between
 from mapmyworld.particles.proposal import Proposal, improved_proposal
 from mapmyworld.particles.tiles import TileMaps
+from mapmyworld.registration.scan_matching import FINE
 from mapmyworld.sensing import make_plan, read_frames, survey_log
 from mapmyworld.types import Frame, OccupancyGrid, Scan, Trajectory
 
@@ -205,6 +206,19 @@ def test_in_a_corridor_the_proposal_is_as_long_as_the_motion_leaves_it() -> None
     assert sigma[1] < 0.02
 
 
+@pytest.mark.parametrize("off", [0.06, 0.07, 0.08])
+def test_two_marks_of_a_corridor_draw_the_scan_however_good_the_laser_is(off: float) -> None:
+    """End points lie 6 mm about surfaces, the odometry is ten times as far beside the truth."""
+    marks = np.array([[[4.0, -1.0], [4.0, -0.7]], [[6.0, 0.7], [6.0, 1.0]]])
+    walls = np.concatenate([CORRIDOR, marks])
+    maps = mapped(walls, np.array([[0.1 * k, 0.0, 0.0] for k in range(12)]))
+    truth = np.array([1.3, 0.0, 0.0])
+    motion = one(np.array([0.2 + off, 0.0, 0.0]), np.diag([0.03, 0.03, 0.01]) ** 2)
+    start, z = np.array([1.1, 0.0, 0.0]), beams_at(walls, truth)
+    proposal = improved_proposal(start[None], [motion], [z], maps, 0.006)
+    assert abs(proposal.mean[0, 0, 0] - truth[0]) < 0.01
+
+
 def test_weights_prefer_the_particle_that_is_right() -> None:
     truth = np.array([1.3, 1.0, 0.1])
     maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]))
@@ -356,19 +370,38 @@ def test_one_contradiction_in_a_hundred_is_chance_and_five_are_not() -> None:
     assert Contradictions(20, 3).diverged
 
 
-def test_smoothing_shares_out_what_a_loop_was_closed_with() -> None:
-    """A lap and a quarter that turned 0.2 degrees a metre too much, so that its end lies aside."""
+def drifted(yaw: float) -> tuple[Array, Array, Array]:
+    """A lap and a quarter that turned `yaw` rad a metre too much: truth, motions and path."""
     truth = drive_round(1.25, step=0.4)
     motions = between_planar(truth[:-1], truth[1:])
-    motions[:, 2] += 0.0035 * np.hypot(*motions[:, :2].T)
+    motions[:, 2] += yaw * np.hypot(*motions[:, :2].T)
     path = truth[:1]
     for motion in motions:
         path = np.append(path, compose_planar(path[-1:], motion), axis=0)
-    information = np.tile(np.diag([2500.0, 2500.0, 40000.0]), (len(motions), 1, 1))
+    return truth, motions, path
+
+
+@pytest.mark.parametrize(("yaw", "off", "spread"), [(0.0035, 0.15, 0.0), (0.012, 0.5, 1.0)])
+def test_smoothing_closes_a_loop_that_is_as_far_open_as_particles_spread(
+    yaw: float, off: float, spread: float
+) -> None:
+    truth, motions, path = drifted(yaw)
+    information = np.tile(np.diag([2500.0, 2500.0, 1600.0]), (len(motions), 1, 1))
     scans = [cast(RING, pose) for pose in truth]
-    smoothed = smooth_path(path, motions, information, scans, Config(), Silence())
-    assert error(path, truth) > 0.15
+    smoothed = smooth_path(path, spread, motions, information, scans, Config(), Silence())
+    assert error(path, truth) > off
     assert error(smoothed, truth) < 0.02
+
+
+def test_reaches_begin_at_the_spread_and_end_as_from_a_good_guess() -> None:
+    """Two rounds a halving: none is more than a square root of two times the next."""
+    np.testing.assert_array_equal(reaches_from(0.0), FINE)
+    np.testing.assert_array_equal(reaches_from(FINE[0]), FINE)
+    reaches = reaches_from(2.0)
+    assert 2.0 <= reaches[0] < 2.0 * np.sqrt(2.0)
+    np.testing.assert_array_equal(reaches[-len(FINE) :], FINE)
+    wide = reaches[: 1 - len(FINE)]
+    np.testing.assert_allclose(wide[:-1] / wide[1:], np.sqrt(2.0))
 
 
 def test_loops_are_counted_once_each() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -112,7 +113,7 @@ def run_fastslam(frames: Iterable[Frame], config: Config, progress: Progress) ->
     record = _track(frames, tracker, config, progress)
     motions = record.motions(tracker.wheels, config)
     path, generations = _filtered(motions, record.beams, config, progress)
-    updates = _smoothed_path(path, motions, record, config, progress)
+    updates = _smoothed_path(path, generations, motions, record, config, progress)
     return FastSlamResult(
         stamps_ns=np.array(record.stamps, np.int64),
         path=_path_of_frames(updates, record),
@@ -159,6 +160,7 @@ def _filtered(
 
 def _smoothed_path(
     path: NDArray[np.float64],
+    generations: Sequence[Generation],
     motions: Sequence[Motion],
     record: _Record,
     config: Config,
@@ -171,22 +173,25 @@ def _smoothed_path(
     modes = [motion.nearest(step) for motion, step in zip(motions, steps, strict=True)]
     u = np.array([motion.u[k] for motion, k in zip(motions, modes, strict=True)])
     covariance = np.array([motion.covariance[k] for motion, k in zip(motions, modes, strict=True)])
-    return smooth_path(path, u, np.linalg.inv(covariance), record.scans, config, progress)
+    variances = [np.linalg.eigvalsh(g.covariance[:2, :2])[-1] for g in generations]
+    spread, information = float(np.sqrt(max(variances))), np.linalg.inv(covariance)
+    return smooth_path(path, spread, u, information, record.scans, config, progress)
 
 
 def smooth_path(
-    path: Array, motions: Array, information: Array, scans: Sequence[Scan], config: Config,
-    progress: Progress,
+    path: Array, spread: float, motions: Array, information: Array, scans: Sequence[Scan],
+    config: Config, progress: Progress,
 ) -> Array:  # fmt: skip
     """The `path` of scans smoothed, (K, 3) both: all of them aligned with each other.
 
     The motions (K - 1, 3) between them are known to `information` (K - 1, 3, 3). A particle fixes
     each pose when it passes, with the map of that moment, and of thirty the best one comes back to
-    a place some decimetres off. Offline the whole path is known, so the posterior over paths,
-    p(x_1:t | z_1:t, u_1:t), can be climbed on from there. The best particle has decided which scans
-    saw the same surfaces; where these lie follows from all of them at once.
+    a place about as far off as they lie apart, whose standard deviation is at most `spread` m: so
+    far surfaces are looked for at first. Offline the whole path is known, so the posterior over
+    paths, p(x_1:t | z_1:t, u_1:t), can be climbed on from there.
     """
-    progress.stage("refine", len(FINE), "rounds")
+    reaches = reaches_from(spread)
+    progress.stage("refine", len(reaches), "rounds")
     every, settings = np.arange(len(path)), config.odometry
     system = System(True, every[:-1], every[1:], motions, information, number_free(every == 0))
 
@@ -194,7 +199,13 @@ def smooth_path(
         return neighbour_pairs(poses, settings.refine_radius, settings.refine_revisits)
 
     prepared = prepare_scans(scans, config.registration)
-    return align_in_rounds(prepared, system, path, pairs_at, config, progress).poses
+    return align_in_rounds(prepared, system, path, pairs_at, config, progress, reaches).poses
+
+
+def reaches_from(first: float) -> Array:
+    """Reaches (m) from the `first` down to those of a good guess, two rounds a halving."""
+    halves = math.ceil(2.0 * math.log2(max(first / FINE[0], 1.0)))
+    return np.append(FINE[0] * 2.0 ** (0.5 * np.arange(halves, 0, -1)), FINE)
 
 
 def _path_of_frames(updates: NDArray[np.float64], record: _Record) -> NDArray[np.float64]:

@@ -179,8 +179,9 @@ def match(
             _likeliest(maps, particle, beams, mean, P, offsets, reach, pose)
         for iteration in range(max_distances.shape[0]):
             H[:], g[:] = 0.0, 0.0
-            # A wide search tolerates wide residuals.
-            width = sigma * (1.0 + 0.5 * (max_distances[iteration] - max_distances[-1]))
+            # From as far as the start may lie off down to the noise, for which the few marks of a
+            # corridor would be outliers from the beginning.
+            width = max(sigma, COARSE * 0.5**iteration)
             linearise(maps, particle, beams, pose, max_distances[iteration], width, H, g)
             _deviation(pose, mean, P, gap)
             weight = WIDE if max_distances[iteration] > max_distances[-1] else 1.0
@@ -189,7 +190,7 @@ def match(
             _solve(H, g, step)
             pose += step
             small = abs(step[0]) + abs(step[1]) < STEP and abs(step[2]) < TURN
-            if small and max_distances[iteration] == max_distances[-1]:
+            if small and max_distances[iteration] == max_distances[-1] and width == sigma:
                 break
         for i in range(3):
             poses[particle, i] = pose[i]

@@ -19,7 +19,7 @@ from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to
 from mapmyworld.kernels.wheel_model import new_wheels
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.particles.contradictions import Contradictions, contradictions
-from mapmyworld.particles.fastslam import reaches_from, run_fastslam, smooth_path
+from mapmyworld.particles.fastslam import run_fastslam
 from mapmyworld.particles.filter import ParticleFilter
 from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import loops_reentered
@@ -27,8 +27,8 @@ from mapmyworld.particles.kernels.likelihood import log_likelihood
 from mapmyworld.particles.kernels.surface_tiles import Beams
 from mapmyworld.particles.motions import Motion, motions_between
 from mapmyworld.particles.proposal import Proposal, improved_proposal
+from mapmyworld.particles.smoothing import Moves, smooth_path
 from mapmyworld.particles.tiles import TileMaps
-from mapmyworld.registration.scan_matching import FINE
 from mapmyworld.sensing import make_plan, read_frames, survey_log
 from mapmyworld.types import Frame, OccupancyGrid, Scan, Trajectory
 
@@ -381,27 +381,29 @@ def drifted(yaw: float) -> tuple[Array, Array, Array]:
     return truth, motions, path
 
 
-@pytest.mark.parametrize(("yaw", "off", "spread"), [(0.0035, 0.15, 0.0), (0.012, 0.5, 1.0)])
-def test_smoothing_closes_a_loop_that_is_as_far_open_as_particles_spread(
-    yaw: float, off: float, spread: float
+def comb(count: int, spacing: float) -> Array:
+    """Walls of equal niches along the ring's lower corridor, one every `spacing` metres."""
+    corners = [(0.0, 0.0)]
+    for k in range(count):
+        x = 1.0 + spacing * k
+        corners += [(x, 0.0), (x, -0.4), (x + 0.5, -0.4), (x + 0.5, 0.0)]
+    outer = segments(*corners, (12.0, 0.0), (12.0, 9.0), (0.0, 9.0))
+    return np.concatenate([outer, segments((2, 2), (10, 2), (10, 7), (2, 7))])
+
+
+@pytest.mark.parametrize("walls", [RING, comb(8, 1.3)], ids=["niches", "equal doors"])
+@pytest.mark.parametrize(("yaw", "off"), [(0.0035, 0.15), (0.012, 0.5), (0.025, 1.0)])
+def test_smoothing_closes_a_loop_that_no_particle_closed(
+    yaw: float, off: float, walls: Array
 ) -> None:
     truth, motions, path = drifted(yaw)
-    information = np.tile(np.diag([2500.0, 2500.0, 1600.0]), (len(motions), 1, 1))
-    scans = [cast(RING, pose) for pose in truth]
-    smoothed = smooth_path(path, spread, motions, information, scans, Config(), Silence())
+    covariances = np.tile(np.diag([0.02, 0.02, max(yaw, 0.01)]) ** 2, (len(motions), 1, 1))
+    scans = [cast(walls, pose) for pose in truth]
+    stamps = np.arange(len(truth)) * 100_000_000
+    moves = Moves(motions, covariances)
+    smoothed = smooth_path(path, moves, stamps, scans, Config(), Silence())
     assert error(path, truth) > off
     assert error(smoothed, truth) < 0.02
-
-
-def test_reaches_begin_at_the_spread_and_end_as_from_a_good_guess() -> None:
-    """Two rounds a halving: none is more than a square root of two times the next."""
-    np.testing.assert_array_equal(reaches_from(0.0), FINE)
-    np.testing.assert_array_equal(reaches_from(FINE[0]), FINE)
-    reaches = reaches_from(2.0)
-    assert 2.0 <= reaches[0] < 2.0 * np.sqrt(2.0)
-    np.testing.assert_array_equal(reaches[-len(FINE) :], FINE)
-    wide = reaches[: 1 - len(FINE)]
-    np.testing.assert_allclose(wide[:-1] / wide[1:], np.sqrt(2.0))
 
 
 def test_loops_are_counted_once_each() -> None:

@@ -56,7 +56,7 @@ def by_graph() -> dict[str, set[str]]:
     ]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "mapmyworld.stages.recognise._SECTION", 2.0
+            "mapmyworld.places.laser_sections._SECTION", 2.0
         )  # as if the drive were a long one
         for source, config in asked:
             for stage, names in settings_read(source, config).items():

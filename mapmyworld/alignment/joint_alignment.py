@@ -54,16 +54,14 @@ def align_in_rounds(
     pairs_at: Callable[[Array], Pairs],
     config: Config,
     progress: Progress,
-    reaches: Array = FINE,
 ) -> JointAlignment:
     """Poses (N, 3) that fit pairs of scans and the system's edges best, from poses far off on.
 
     `pairs_at` chooses the pairs (P, 2) that are worth comparing where the poses are, in each round.
-    `reaches` (R,) are the distances (m) within which these associate points.
     """
     moved: tuple[float, ...] = ()
     settings = config.registration
-    for reach in reaches:
+    for reach in FINE:
         pairs = pairs_at(poses)
         found = align_jointly(scans, system, poses, pairs, [reach], settings, config.threads)
         poses, moved = found.poses, moved + found.moved

@@ -39,9 +39,9 @@ from mapmyworld.geometry.planar import (
 )
 from mapmyworld.graph.covariance import marginal_covariances
 from mapmyworld.odometry.sweep_noise import sweep_variances
-from mapmyworld.places.laser_nodes import NodeScans, load_node_scans, sessions_of
+from mapmyworld.places.laser_nodes import NodeScans, sessions_of
 from mapmyworld.registration.scan_matching import FINE, ScanSet
-from mapmyworld.types import Judged, MapStore, Node, Poses, Progress, TrackedFrames
+from mapmyworld.types import Judged, Node, Poses, Progress, TrackedFrames
 
 Index = NDArray[np.int64]
 
@@ -60,12 +60,12 @@ class Refinement:
 
 
 def refine_poses(
-    store: MapStore,
+    frames: TrackedFrames,
     poses: Poses,
     constraints: Sequence[Judged],
     config: Config,
     progress: Progress,
-    loaded: NodeScans | None = None,
+    loaded: NodeScans,
     session: Index | None = None,
 ) -> Refinement | None:
     """Solved poses, refined by all scans; None where there are too few scans.
@@ -74,7 +74,6 @@ def refine_poses(
     that are not aligned themselves keep their place between those that are. Scans on
     different ones of these `session`s (N,) are not compared: nothing shows how these lie.
     """
-    loaded = loaded or load_node_scans(store, config)
     nodes, scans = loaded.nodes, loaded.scans
     if len(nodes) < 3:
         return None
@@ -86,7 +85,7 @@ def refine_poses(
     chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in sessions])
     chosen = np.union1d(chosen, statements.concerns(nodes))
     session = np.zeros(len(nodes), np.int64) if session is None else session
-    frames, drift = store.tracked_frames(), _drift(nodes, constraints)
+    drift = _drift(nodes, constraints)
     held = scans.some(chosen)
     scans.let_go()
     task = _Task(nodes, frames, chosen, held, constraints, drift, statements, session, config)

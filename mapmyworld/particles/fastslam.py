@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,9 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.alignment.joint_alignment import align_in_rounds
-from mapmyworld.alignment.laser_pairs import neighbour_pairs
-from mapmyworld.backend.system import System, number_free
 from mapmyworld.config import Config, ParticlesConfig
 from mapmyworld.errors import LogError
 from mapmyworld.geometry import Array
@@ -30,8 +26,8 @@ from mapmyworld.particles.filter import Generation, ParticleFilter
 from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import paths_of, summary_of
 from mapmyworld.particles.kernels.surface_tiles import Beams
-from mapmyworld.particles.motions import Motion, motions_between
-from mapmyworld.registration.scan_matching import FINE, prepare_scans
+from mapmyworld.particles.motions import Motion, motions_between, tracked_between
+from mapmyworld.particles.smoothing import Moves, smooth_path
 from mapmyworld.types import Frame, Progress, Scan
 
 _AT_ONCE = 64  # scans that are tracked in one go
@@ -104,16 +100,19 @@ class _Record:
         return motions_between(self.updates, poses, covariances, recorded, wheels, config.odometry)
 
 
-def run_fastslam(frames: Iterable[Frame], config: Config, progress: Progress) -> FastSlamResult:
+def run_fastslam(
+    frames: Iterable[Frame], config: Config, progress: Progress, wheels: Array | None = None
+) -> FastSlamResult:
     """Path of the most likely particle, from the scans of a log.
 
-    Raises LogError when no frame has a scan.
+    `wheels` (15,): how the odometry is calibrated, if that is known. Raises LogError when no frame
+    has a scan.
     """
-    tracker = LaserTracker(config)
+    tracker = LaserTracker(config, wheels)
     record = _track(frames, tracker, config, progress)
     motions = record.motions(tracker.wheels, config)
     path, generations = _filtered(motions, record.beams, config, progress)
-    updates = _smoothed_path(path, generations, motions, record, config, progress)
+    updates = _smoothed_path(path, motions, record, config, progress)
     return FastSlamResult(
         stamps_ns=np.array(record.stamps, np.int64),
         path=_path_of_frames(updates, record),
@@ -159,53 +158,23 @@ def _filtered(
 
 
 def _smoothed_path(
-    path: NDArray[np.float64],
-    generations: Sequence[Generation],
-    motions: Sequence[Motion],
-    record: _Record,
-    config: Config,
-    progress: Progress,
-) -> NDArray[np.float64]:
-    """The best particle's path (K, 3) at the updates, all their scans aligned with each other."""
+    path: Array, motions: Sequence[Motion], record: _Record, config: Config, progress: Progress
+) -> Array:
+    """The best particle's path (K, 3) at the updates, smoothed.
+
+    Between them the robot moved as it was tracked, but where the particle follows the odometry
+    against that.
+    """
     if len(path) < 3 or not config.odometry.refine:
         return path
+    tracked, covariances = np.array(record.tracked), np.array(record.covariances)
+    u, covariance = tracked_between(record.updates, tracked, covariances)
     steps = between_planar(path[:-1], path[1:])
-    modes = [motion.nearest(step) for motion, step in zip(motions, steps, strict=True)]
-    u = np.array([motion.u[k] for motion, k in zip(motions, modes, strict=True)])
-    covariance = np.array([motion.covariance[k] for motion, k in zip(motions, modes, strict=True)])
-    variances = [np.linalg.eigvalsh(g.covariance[:2, :2])[-1] for g in generations]
-    spread, information = float(np.sqrt(max(variances))), np.linalg.inv(covariance)
-    return smooth_path(path, spread, u, information, record.scans, config, progress)
-
-
-def smooth_path(
-    path: Array, spread: float, motions: Array, information: Array, scans: Sequence[Scan],
-    config: Config, progress: Progress,
-) -> Array:  # fmt: skip
-    """The `path` of scans smoothed, (K, 3) both: all of them aligned with each other.
-
-    The motions (K - 1, 3) between them are known to `information` (K - 1, 3, 3). A particle fixes
-    each pose when it passes, with the map of that moment, and of thirty the best one comes back to
-    a place about as far off as they lie apart, whose standard deviation is at most `spread` m: so
-    far surfaces are looked for at first. Offline the whole path is known, so the posterior over
-    paths, p(x_1:t | z_1:t, u_1:t), can be climbed on from there.
-    """
-    reaches = reaches_from(spread)
-    progress.stage("refine", len(reaches), "rounds")
-    every, settings = np.arange(len(path)), config.odometry
-    system = System(True, every[:-1], every[1:], motions, information, number_free(every == 0))
-
-    def pairs_at(poses: Array) -> NDArray[np.int64]:
-        return neighbour_pairs(poses, settings.refine_radius, settings.refine_revisits)
-
-    prepared = prepare_scans(scans, config.registration)
-    return align_in_rounds(prepared, system, path, pairs_at, config, progress, reaches).poses
-
-
-def reaches_from(first: float) -> Array:
-    """Reaches (m) from the `first` down to those of a good guess, two rounds a halving."""
-    halves = math.ceil(2.0 * math.log2(max(first / FINE[0], 1.0)))
-    return np.append(FINE[0] * 2.0 ** (0.5 * np.arange(halves, 0, -1)), FINE)
+    for k, (motion, step) in enumerate(zip(motions, steps, strict=True)):
+        if motion.is_contradicted and motion.nearest(step) == 0:
+            u[k], covariance[k] = motion.u[0], motion.covariance[0]
+    stamps = np.array(record.stamps, np.int64)[record.updates]
+    return smooth_path(path, Moves(u, covariance), stamps, record.scans, config, progress)
 
 
 def _path_of_frames(updates: NDArray[np.float64], record: _Record) -> NDArray[np.float64]:

@@ -36,6 +36,11 @@ class Motion:
     probability: Array
     """(M,) of each mode."""
 
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether tracking contradicts the odometry, which is the first of two modes then."""
+        return len(self.u) > 1
+
     def nearest(self, step: Array) -> int:
         """The mode that a motion (3,) belongs to."""
         miss = between_planar(self.u, step)
@@ -58,11 +63,8 @@ def motions_between(
     scans before, and these as `recorded` (F, 3) by the odometry, NaN where unknown. `wheels` (15,)
     are its calibration: see `kernels.wheel_model`.
     """
-    at = np.asarray(updates, np.int64)
-    moved = between_planar(tracked[at[:-1]], tracked[at[1:]])
-    spans = list(itertools.pairwise(updates))
-    by_tracking = [covariances[a + 1 : b + 1].sum(axis=0) for a, b in spans]
-    wheels = wheels.copy()
+    moved, by_tracking = tracked_between(updates, tracked, covariances)
+    wheels, spans = wheels.copy(), itertools.pairwise(updates)
     reckoned = np.array([_reckoned(recorded[a + 1 : b + 1], wheels) for a, b in spans])
     reckoned = reckoned.reshape(-1, 5)
     miss = between_planar(reckoned[:, :3], moved)
@@ -80,6 +82,20 @@ def motions_between(
             both, p = np.stack([reckoned[k, :3], u]), np.array([1.0 - faults, faults])
             motions.append(Motion(both, np.stack([odometry, covariance]), p))
     return motions
+
+
+def tracked_between(
+    updates: Sequence[int], tracked: Array, covariances: Array
+) -> tuple[Array, Array]:
+    """Motions (K - 1, 3) between K updates by tracking alone, and their covariances (K - 1, 3, 3).
+
+    Of all F scans the `tracked` poses (F, 3), and the `covariances` (F, 3, 3) as they are given to
+    `motions_between`.
+    """
+    at = np.asarray(updates, np.int64)
+    moved = between_planar(tracked[at[:-1]], tracked[at[1:]])
+    summed = [covariances[a + 1 : b + 1].sum(axis=0) for a, b in itertools.pairwise(updates)]
+    return moved, np.reshape(summed, (-1, 3, 3))
 
 
 def _reckoned(steps: Array, wheels: Array) -> Array:

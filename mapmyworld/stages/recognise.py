@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,13 +12,11 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.decisions import decided_on
 from mapmyworld.stages.kept import has_images, has_scans
-from mapmyworld.types import Judged, MapStore, Poses, Progress
+from mapmyworld.types import Judged, MapStore, Progress
 
 if TYPE_CHECKING:
     from mapmyworld.graph.solved_graph import SolvedGraph
     from mapmyworld.places.laser_nodes import NodeScans
-
-_SECTION = 200.0  # m of path, about, that are searched before what was found is solved
 
 LoadScans = Callable[[], "NodeScans | None"]
 """Gives the nodes' laser scans, made ready once; None for a log without a laser."""
@@ -68,28 +65,12 @@ def recognise(
 def closures_by_laser(
     store: MapStore, config: Config, progress: Progress, loaded: NodeScans
 ) -> list[Judged]:
-    """Section by section, each from poses that the closures before it hold: so the search reaches
-    no farther after hours than at first.
-    """
-    from mapmyworld.places.laser_closures import first_closures
-    from mapmyworld.places.laser_nodes import nodes_at
+    """Those of all nodes, section by section."""
+    from mapmyworld.places.laser_sections import closures_by_section
     from mapmyworld.stages.solve_draft import solve_draft_of
 
-    if len(loaded.nodes) < 2:
-        return []
-    path = nodes_at(loaded, None).drift.tracked
-    count = max(1, round(float(path[-1]) / _SECTION))
-    edges = np.searchsorted(path, np.linspace(0.0, path[-1], count + 1)[1:-1])
-    found: list[Judged] = []
-    for span in pairwise([0, *edges.tolist(), len(path)]):
-        poses: Poses | None = None
-        known: Sequence[Judged] = ()
-        so_far, last = [*store.constraints(), *found], loaded.nodes[span[1] - 1].id
-        if any(c.accepted for c in found) or any(c.is_relocalised for c in so_far):
-            draft = solve_draft_of(store, config, so_far, last)
-            poses, known = draft.poses, draft.constraints
-        found += first_closures(loaded, poses, known, span, config, progress)
-    return found
+    solve = functools.partial(solve_draft_of, store, config)
+    return closures_by_section(loaded, store.constraints(), solve, config, progress)
 
 
 def closures_between_sessions(

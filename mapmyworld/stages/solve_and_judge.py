@@ -126,8 +126,9 @@ def _refined(
     from mapmyworld.places.wide_search import joined_sessions
 
     session = joined_sessions(loaded, solved.constraints)
+    frames = store.tracked_frames()
     refined = refine_poses(
-        store, solved.poses, solved.constraints, config, progress, loaded, session
+        frames, solved.poses, solved.constraints, config, progress, loaded, session
     )
     if refined is None:
         return solved.poses, solved.constraints, ()

@@ -49,7 +49,7 @@ def track(
     `lag_s`: by how much the odometry is known to be stamped later than the laser.
     """
     plan = plan.with_odometry_shifted(-lag_s) if lag_s else plan
-    tracker = tracker or make_tracker(plan, config, _wheels(log, plan, config, progress))
+    tracker = tracker or make_tracker(plan, config, wheels_of_log(log, plan, config, progress))
     counts, guard = FrameCounts(), ImageGuard()
     writer = _Writer(store, config, guard, wants_images=plan.camera is not None)
     frames = read_frames(
@@ -87,7 +87,7 @@ def odometry_lag(store: MapStore, config: Config) -> float:
     return 0.0
 
 
-def _wheels(log: LogSource, plan: Plan, config: Config, progress: Progress) -> Array | None:
+def wheels_of_log(log: LogSource, plan: Plan, config: Config, progress: Progress) -> Array | None:
     """(15,) how the log's odometry is calibrated; None where no laser shows that."""
     if plan.scan is None or plan.odometry is None:
         return None

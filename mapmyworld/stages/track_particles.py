@@ -14,7 +14,7 @@ from mapmyworld.particles.contradictions import Contradictions
 from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.stages.nodes import Motion
-from mapmyworld.stages.track import track
+from mapmyworld.stages.track import track, wheels_of_log
 from mapmyworld.types import Frame, LogSource, MapStore, Particles, Poses, Progress
 
 _STEP_COVARIANCE = np.diag([1e-8, 1e-8, 1e-6, 1e-6, 1e-6, 1e-8])  # of one step of a smoothed path
@@ -30,7 +30,8 @@ def track_particles(
     if plan.scan is None:
         raise LogError("--method fastslam needs a laser: this log has no usable scan")
     frames = read_frames(log, plan, config.sensing, inertial=False)
-    result = run_fastslam(frames, config, progress)
+    wheels = wheels_of_log(log, plan, config, progress)
+    result = run_fastslam(frames, config, progress, wheels)
     track(log, plan, store, config, progress, _PathFollower(result))
     tracked = store.tracked_frames()
     spread = result.covariances[: len(tracked.stamps_ns)][tracked.is_node]

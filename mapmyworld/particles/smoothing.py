@@ -1,0 +1,98 @@
+"""The best particle's path smoothed: its loops recognised, all its scans aligned with each other.
+
+A particle fixes each pose when it passes, with the map of that moment, and of thirty the best one
+may come back to a place some decimetres off. Offline the whole path is known, so the posterior over
+paths, p(x_1:t | z_1:t, u_1:t), is climbed on from there (Lu and Milios 1997). Which surfaces visits
+share is not left to their distance, for equal doors may lie nearer than the right ones: places are
+recognised as in the graph, and two visits are compared where that shows how they lie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.alignment.laser_refinement import refine_poses
+from mapmyworld.config import Config
+from mapmyworld.decisions import decided_on
+from mapmyworld.geometry import Array
+from mapmyworld.geometry.planar import (
+    information_from_planar,
+    matrix_to_planar,
+    planar_to_matrix,
+)
+from mapmyworld.graph.draft import solve_draft
+from mapmyworld.graph.solved_graph import SolvedGraph
+from mapmyworld.odometry.pose_hypotheses import FEWEST
+from mapmyworld.places.laser_nodes import NodeScans
+from mapmyworld.places.laser_sections import closures_by_section
+from mapmyworld.registration.scan_matching import prepare_scans
+from mapmyworld.types import ConstraintKind, Judged, Node, Particles, Progress, Scan
+from mapmyworld.types.frames import nodes_as_frames
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moves:
+    """The motions from each of K scans to the next."""
+
+    u: Array
+    """(K - 1, 3) in the frame of their start."""
+    covariance: Array
+    """(K - 1, 3, 3) in the body frame."""
+
+
+def smooth_path(
+    path: Array,
+    moves: Moves,
+    stamps_ns: NDArray[np.int64],
+    scans: Sequence[Scan],
+    config: Config,
+    progress: Progress,
+) -> Array:
+    """The `path` of scans smoothed, (K, 3) both: their loops closed, all of them aligned.
+
+    `stamps_ns` (K,) are the scans'. Places are looked for from where the path has them, as far as
+    the moves may have drifted.
+    """
+    nodes = _nodes(path, stamps_ns)
+    loaded = _loaded(nodes, moves, scans, config)
+    motions = _motions(nodes, moves)
+
+    def solve(constraints: Sequence[Judged], until: int | None) -> SolvedGraph:
+        return solve_draft(nodes, constraints, True, config.graph, until)
+
+    closures = closures_by_section(loaded, motions, solve, config, progress)
+    decided_on("closure", closures)
+    solved = solve([*motions, *closures], None)
+    frames = nodes_as_frames(nodes)
+    refined = refine_poses(frames, solved.poses, solved.constraints, config, progress, loaded)
+    return path if refined is None else matrix_to_planar(refined.poses.map_from_node)
+
+
+def _nodes(path: Array, stamps_ns: NDArray[np.int64]) -> list[Node]:
+    """One for each of the scans."""
+    stamps = stamps_ns.tolist()
+    poses = planar_to_matrix(path)
+    return [Node(k + 1, 0, stamps[k], pose, pose) for k, pose in enumerate(poses)]
+
+
+def _motions(nodes: Sequence[Node], moves: Moves) -> list[Judged]:
+    """The moves as constraints between neighbouring nodes."""
+    information = information_from_planar(np.linalg.inv(moves.covariance))
+    matrices = planar_to_matrix(moves.u)
+    return [
+        Judged(node.id, node.id + 1, ConstraintKind.NEIGHBOUR, u, known, Particles())
+        for node, u, known in zip(nodes[:-1], matrices, information, strict=True)
+    ]
+
+
+def _loaded(nodes: list[Node], moves: Moves, scans: Sequence[Scan], config: Config) -> NodeScans:
+    """The nodes with their scans made ready."""
+    prepared = prepare_scans(scans, config.registration)
+    x, y, yaw = moves.covariance.diagonal(0, 1, 2).T
+    variances = np.append(np.zeros((1, 2)), np.stack([x + y, yaw], axis=1), axis=0)
+    sees = np.diff(prepared.bounds) >= FEWEST
+    return NodeScans(nodes, prepared, variances, sees, np.zeros((len(nodes), 2)))

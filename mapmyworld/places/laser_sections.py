@@ -1,0 +1,44 @@
+"""Laser closures of a whole path, section by section."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from mapmyworld.config import Config
+from mapmyworld.graph.solved_graph import SolvedGraph
+from mapmyworld.places.laser_closures import first_closures
+from mapmyworld.places.laser_nodes import NodeScans, nodes_at
+from mapmyworld.types import Judged, Poses, Progress
+
+_SECTION = 200.0  # m of path, about, that are searched before what was found is solved
+
+Solve = Callable[[Sequence[Judged], int | None], SolvedGraph]
+"""Solves the graph with these constraints, up to the node with an id; None for all of it."""
+
+
+def closures_by_section(
+    loaded: NodeScans, stored: Sequence[Judged], solve: Solve, config: Config, progress: Progress
+) -> list[Judged]:
+    """Pairs of places compared, each with its verdict; the `stored` constraints are known before.
+
+    Each section from poses that the closures before it hold: so the search reaches no farther after
+    hours than at first. Until there are any, from tracked poses.
+    """
+    if len(loaded.nodes) < 2:
+        return []
+    path = nodes_at(loaded, None).drift.tracked
+    count = max(1, round(float(path[-1]) / _SECTION))
+    edges = np.searchsorted(path, np.linspace(0.0, path[-1], count + 1)[1:-1])
+    found: list[Judged] = []
+    for span in pairwise([0, *edges.tolist(), len(path)]):
+        poses: Poses | None = None
+        known: Sequence[Judged] = ()
+        so_far, last = [*stored, *found], loaded.nodes[span[1] - 1].id
+        if any(c.accepted for c in found) or any(c.is_relocalised for c in so_far):
+            draft = solve(so_far, last)
+            poses, known = draft.poses, draft.constraints
+        found += first_closures(loaded, poses, known, span, config, progress)
+    return found

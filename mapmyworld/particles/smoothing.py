@@ -20,6 +20,7 @@ from mapmyworld.config import Config
 from mapmyworld.decisions import decided_on
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (
+    compose_planar,
     information_from_planar,
     matrix_to_planar,
     planar_to_matrix,
@@ -30,7 +31,7 @@ from mapmyworld.odometry.pose_hypotheses import FEWEST
 from mapmyworld.places.laser_nodes import NodeScans
 from mapmyworld.places.laser_sections import closures_by_section
 from mapmyworld.registration.scan_matching import prepare_scans
-from mapmyworld.types import ConstraintKind, Judged, Node, Particles, Progress, Scan
+from mapmyworld.types import ConstraintKind, Judged, Node, Particles, Poses, Progress, Scan
 from mapmyworld.types.frames import nodes_as_frames
 
 
@@ -42,6 +43,13 @@ class Moves:
     """(K - 1, 3) in the frame of their start."""
     covariance: Array
     """(K - 1, 3, 3) in the body frame."""
+
+    def chained(self) -> Array:
+        """(K, 3) poses that follow from them, the first of which is the origin."""
+        poses = [np.zeros(3)]
+        for u in self.u:
+            poses.append(compose_planar(poses[-1], u))
+        return np.array(poses)
 
 
 def smooth_path(
@@ -57,14 +65,15 @@ def smooth_path(
     `stamps_ns` (K,) are the scans'. Places are looked for from where the path has them, as far as
     the moves may have drifted.
     """
-    nodes = _nodes(path, stamps_ns)
+    nodes = _nodes(moves.chained(), stamps_ns)
     loaded = _loaded(nodes, moves, scans, config)
     motions = _motions(nodes, moves)
 
     def solve(constraints: Sequence[Judged], until: int | None) -> SolvedGraph:
         return solve_draft(nodes, constraints, True, config.graph, until)
 
-    closures = closures_by_section(loaded, motions, solve, config, progress)
+    start = Poses(np.array([node.id for node in nodes]), planar_to_matrix(path), None)
+    closures = closures_by_section(loaded, motions, solve, config, progress, start)
     decided_on("closure", closures)
     solved = solve([*motions, *closures], None)
     frames = nodes_as_frames(nodes)
@@ -72,10 +81,9 @@ def smooth_path(
     return path if refined is None else matrix_to_planar(refined.poses.map_from_node)
 
 
-def _nodes(path: Array, stamps_ns: NDArray[np.int64]) -> list[Node]:
-    """One for each of the scans."""
-    stamps = stamps_ns.tolist()
-    poses = planar_to_matrix(path)
+def _nodes(tracked: Array, stamps_ns: NDArray[np.int64]) -> list[Node]:
+    """One for each of the scans, at `tracked` (K, 3) poses."""
+    stamps, poses = stamps_ns.tolist(), planar_to_matrix(tracked)
     return [Node(k + 1, 0, stamps[k], pose, pose) for k, pose in enumerate(poses)]
 
 

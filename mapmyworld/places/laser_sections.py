@@ -20,12 +20,13 @@ Solve = Callable[[Sequence[Judged], int | None], SolvedGraph]
 
 
 def closures_by_section(
-    loaded: NodeScans, stored: Sequence[Judged], solve: Solve, config: Config, progress: Progress
-) -> list[Judged]:
+    loaded: NodeScans, stored: Sequence[Judged], solve: Solve, config: Config, progress: Progress,
+    start: Poses | None = None,
+) -> list[Judged]:  # fmt: skip
     """Pairs of places compared, each with its verdict; the `stored` constraints are known before.
 
     Each section from poses that the closures before it hold: so the search reaches no farther after
-    hours than at first. Until there are any, from tracked poses.
+    hours than at first. Until there are any, from the `start`, or tracked poses without.
     """
     if len(loaded.nodes) < 2:
         return []
@@ -34,7 +35,7 @@ def closures_by_section(
     edges = np.searchsorted(path, np.linspace(0.0, path[-1], count + 1)[1:-1])
     found: list[Judged] = []
     for span in pairwise([0, *edges.tolist(), len(path)]):
-        poses: Poses | None = None
+        poses = start
         known: Sequence[Judged] = ()
         so_far, last = [*stored, *found], loaded.nodes[span[1] - 1].id
         if any(c.accepted for c in found) or any(c.is_relocalised for c in so_far):

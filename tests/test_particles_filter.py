@@ -445,7 +445,7 @@ def test_the_same_bytes_for_any_number_of_threads_and_others_for_other_seeds() -
     ]
     assert runs[0].path.tobytes() == runs[1].path.tobytes()
     assert runs[0].covariances.tobytes() == runs[1].covariances.tobytes()
-    assert runs[0].path.tobytes() != runs[2].path.tobytes()
+    assert runs[0].covariances.tobytes() != runs[2].covariances.tobytes()
 
 
 @pytest.mark.slow

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar
-from mapmyworld.registration.point_to_line import match_scan
-from mapmyworld.registration.scan_matching import ScanSet, prepare_scans
+from mapmyworld.registration.scan_matching import ScanSet, match_scan, prepare_scans
 from mapmyworld.simulation.floor_plan import Plan, plan_at
 from mapmyworld.simulation.world import build_scene
 from mapmyworld.simulation.worlds import find_world

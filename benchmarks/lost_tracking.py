@@ -30,8 +30,7 @@ from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.memory_log import MemoryLog
-from mapmyworld.places.laser_nodes import load_node_scans
-from mapmyworld.places.wide_search import joined_sessions
+from mapmyworld.places.laser_nodes import joined_sessions, load_node_scans
 from mapmyworld.simulation import Recording, SimulationSettings, simulate
 from mapmyworld.simulation.message_streams import ODOMETRY_TOPIC, TF_TOPIC
 from mapmyworld.types import (

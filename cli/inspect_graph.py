@@ -103,7 +103,7 @@ def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
         matches.agreed,
         reason,
     )
-    verdict = "fits" if registration.converged else "does not fit"
+    verdict = "fits" if registration.verdict.accepted else "does not fit"
     click.echo(f"{pair[0]} and {pair[1]}: {verdict}: {reason}")
     note(f"drew {path}")
 

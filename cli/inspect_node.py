@@ -112,7 +112,7 @@ def _draw(data: NodeData, path: Path) -> None:
     if colour is None:
         raise MapError(f"{path}: this node has no image to draw")
     from formats.report.match_picture import write_features_picture
-    from mapmyworld.places.camera_features import features_of_camera
+    from mapmyworld.places.node_features import features_of_camera
 
     picture = np.asarray(colour.pixels(), np.uint8)
     seen = data.features and features_of_camera(data.features, 0, picture.shape[1])

@@ -6,7 +6,7 @@ import numpy as np
 from laser_rooms import WALLS, cast
 
 from mapmyworld.config import Config
-from mapmyworld.registration.line_of_sight import share_seen_through
+from mapmyworld.odometry.laser_keyframes import share_seen_through
 from mapmyworld.registration.scan_matching import PreparedScan, prepare_scan, scan_set
 
 CONFIG = Config()

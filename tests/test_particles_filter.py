@@ -19,9 +19,8 @@ from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to
 from mapmyworld.kernels.wheel_model import new_wheels
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.particles.contradictions import Contradictions, contradictions
-from mapmyworld.particles.fastslam import run_fastslam
+from mapmyworld.particles.fastslam import beams_from_scan, run_fastslam
 from mapmyworld.particles.filter import ParticleFilter
-from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import loops_reentered
 from mapmyworld.particles.kernels.likelihood import log_likelihood
 from mapmyworld.particles.kernels.surface_tiles import Beams

@@ -20,12 +20,11 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.graph.solved_graph import solve
-from mapmyworld.places.laser_candidates import EVERYWHERE, candidate_pairs, untied
+from mapmyworld.places.laser_candidates import EVERYWHERE, candidate_pairs, lost_pairs, untied
 from mapmyworld.places.laser_closures import compare_places
-from mapmyworld.places.laser_nodes import calm_spots, laser_nodes
+from mapmyworld.places.laser_nodes import calm_spots, held_by, laser_nodes
 from mapmyworld.places.laser_submaps import submap_members
 from mapmyworld.places.path_drift import PathDrift, stated_variances
-from mapmyworld.places.wide_search import held_by, lost_pairs
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.registration.scan_search import POINTS
 from mapmyworld.types import ConstraintKind, ImageMatch, Judged, ScanMatch, Why

@@ -17,7 +17,7 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     planar_to_matrix,
 )
-from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
+from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, joined_sessions, nodes_at
 from mapmyworld.places.session_closures import session_closures
 from mapmyworld.places.session_joining import (
     LossPrior,
@@ -27,7 +27,6 @@ from mapmyworld.places.session_joining import (
     locate_session,
 )
 from mapmyworld.places.whole_map import map_of_scans
-from mapmyworld.places.wide_search import joined_sessions
 from mapmyworld.registration.place_evidence import Agreement, Place
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.registration.scan_search import Submap

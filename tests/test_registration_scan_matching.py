@@ -24,10 +24,10 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.kernels.branch_and_bound import best_shift
 from mapmyworld.kernels.scan_alignment import invert3, nearest, pair_systems, solve3
 from mapmyworld.kernels.scan_preparation import range_noise
-from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import (
     COARSE,
     PreparedScan,
+    match_scan,
     prepare_scan,
     prepare_scans,
     scan_set,

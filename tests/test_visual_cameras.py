@@ -19,7 +19,7 @@ from formats.database import open_store
 from mapmyworld.config import Config, SensingConfig
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.pipeline import build_map
-from mapmyworld.places.camera_features import features_of_camera, joined_features
+from mapmyworld.places.node_features import features_of_camera, joined_features
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.places.visual_closures import find_visual_closures
 from mapmyworld.registration.features import extract_features

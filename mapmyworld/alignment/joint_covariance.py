@@ -20,6 +20,7 @@ from mapmyworld.backend.information import NotPositiveDefiniteError
 from mapmyworld.backend.system import System, believed_edges, edge_chi2
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, planar_adjoint
+from mapmyworld.geometry.rigid import transported
 from mapmyworld.graph.covariance import relative_covariances
 from mapmyworld.registration.scan_matching import ScanSet
 
@@ -81,12 +82,11 @@ def of_anchors(joint: System, own: Array, poses: Array) -> Array:
     anchor = first_nodes(len(joint.free), joint.tails, joint.heads)
     scanned = anchor < len(own)
     adjoint = planar_adjoint(between_planar(poses, poses[anchor]))
-    found = adjoint @ own[np.where(scanned, anchor, 0)] @ np.swapaxes(adjoint, 1, 2)
+    found = transported(adjoint, own[np.where(scanned, anchor, 0)])
     found[~scanned | (joint.free[anchor] >= 0)] = 0.0
-    return np.asarray(found)
+    return found
 
 
 def carried(covariances: Array, poses: Array, others: Array) -> Array:
     """Covariances (N, 3, 3) of poses (N, 3), as of others (N, 3) that move with them: (N, 3, 3)."""
-    adjoint = planar_adjoint(between_planar(others, poses))
-    return np.asarray(adjoint @ covariances @ np.swapaxes(adjoint, 1, 2))
+    return transported(planar_adjoint(between_planar(others, poses)), covariances)

@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.backend.system import System, with_edges
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.graph.constraint_system import stated_system
 from mapmyworld.odometry.tracking_losses import UNKNOWN
 from mapmyworld.types import CLOSURES, ConstraintKind, Judge, Judged, Node, Poses, ScanMatch
 
-Index = NDArray[np.int64]
 Edges = tuple[Index, Index, Array, Array]
 """Tails, heads, relative poses (E, 3), information (E, 3, 3)."""
 

@@ -12,12 +12,11 @@ from scipy.spatial import cKDTree
 from mapmyworld.alignment.joint_covariance import are_known_within
 from mapmyworld.backend.system import System
 from mapmyworld.config import OdometryConfig
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.places.stored_scans import BLOCK
 from mapmyworld.registration.scan_matching import FINE
 
-Index = NDArray[np.int64]
 _IN_TIME = (1, 2, 4, 8)  # scans ahead that each scan is compared with
 _GAP = _IN_TIME[-1] + 1  # scans between two that are of different visits
 _SAME_PLACE, _SAME_HEADING = 0.5, 0.5  # m and rad within which a place is visited again

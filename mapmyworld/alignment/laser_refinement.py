@@ -28,7 +28,7 @@ from mapmyworld.alignment.laser_pairs import ComparedScans, among_first_revisits
 from mapmyworld.backend.block_matrix import diagonals
 from mapmyworld.backend.system import System
 from mapmyworld.config import Config
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -42,8 +42,6 @@ from mapmyworld.odometry.sweep_noise import sweep_variances
 from mapmyworld.places.laser_nodes import NodeScans, sessions_of
 from mapmyworld.registration.scan_matching import FINE, ScanSet
 from mapmyworld.types import Judged, Node, Poses, Progress, TrackedFrames
-
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

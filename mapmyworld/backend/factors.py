@@ -60,11 +60,6 @@ def factor_graph(system: System, poses: Array) -> FactorGraph:
     return FactorGraph(factors_at(system, poses, values), values)
 
 
-def with_factors(system: System) -> System:
-    """The same, its edges' factors made for all solutions of parts of it."""
-    return replace(system, factors=_between(system))
-
-
 def factors_at(system: System, poses: Array, values: Any) -> Any:
     """Gtsam's graph of the edges that have a free end, in their order.
 
@@ -76,7 +71,7 @@ def factors_at(system: System, poses: Array, values: Any) -> Any:
     found = np.empty(len(seen), np.object_) if system.factors is None else system.factors
     if system.factors is None:
         plain = ~(held | seen)
-        found[plain] = _between(chosen_edges(system, plain))
+        found[plain] = between_factors(chosen_edges(system, plain))
     found[held] = _priors(chosen_edges(system, held), poses)
     if seen.any():
         sightings = _sightings(chosen_edges(system, seen), poses, values)
@@ -109,7 +104,7 @@ def _from_held_nodes(system: System) -> System:
     return replace(system, tails=tails, heads=heads, measured=measured, information=information)
 
 
-def _between(system: System) -> Objects:
+def between_factors(system: System) -> Objects:
     """(E,) factors of edges between free nodes."""
     make = gtsam.BetweenFactorPose2 if system.planar else gtsam.BetweenFactorPose3
     ends = system.tails.tolist(), system.heads.tolist()

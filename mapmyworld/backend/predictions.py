@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.backend.factors import factors_at
 from mapmyworld.backend.information import Information
-from mapmyworld.backend.system import System, chosen_edges, moving_edges, residuals_of
+from mapmyworld.backend.system import System, chosen_edges, fit_of, moving_edges
 from mapmyworld.geometry import Array, Index
 
 
@@ -38,7 +38,7 @@ def predictions(
     asked = chosen_edges(system, order)
     moving = moving_edges(asked)
     roots = np.linalg.cholesky(asked.information)
-    residuals = np.einsum("eji,ej->ei", roots, residuals_of(asked, poses))
+    residuals = np.einsum("eji,ej->ei", roots, fit_of(asked, poses).residuals)
     size = system.dimension
     ends = np.cumsum([0, *(len(group) for group in groups)])
     rows = np.concatenate([[0], np.cumsum(moving)]) * size

@@ -83,11 +83,6 @@ def number_free(stays: NDArray[np.bool_]) -> Index:
     return np.asarray(moves.cumsum() * moves - 1)
 
 
-def residuals_of(system: System, poses: Array) -> Array:
-    """(E, d) residuals of edges and sightings at `poses` (N, 3 or 4, 4)."""
-    return fit_of(system, poses).residuals
-
-
 def chosen_edges(system: System, which: NDArray[np.bool_] | Index) -> System:
     """The system with some of its edges, by mask (E,) or positions (K,)."""
     return replace(

@@ -15,7 +15,7 @@ import numpy as np
 from mapmyworld.backend.block_matrix import Blocks, colamd_order_of, place_in
 from mapmyworld.backend.information import Factorised
 from mapmyworld.backend.starts import with_places
-from mapmyworld.backend.system import System, residuals_of
+from mapmyworld.backend.system import System, fit_of
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.geometry.rotations import so3_exp
@@ -38,7 +38,7 @@ def wraparound_starts(system: System, poses: Array, count: int) -> Iterator[Arra
     answers = [_solved(system, solver, _at(e, weights)) for e in edges]
     corrected, left = np.zeros(len(poses)), np.zeros(len(weights))
     if system.planar:
-        left = residuals_of(system, poses)[:, 2]
+        left = fit_of(system, poses).residuals[:, 2]
         corrected = _solved(system, solver, -weights * left)
         left = left + corrected[system.heads] - corrected[system.tails]
     gained = [a[system.heads[e]] - a[system.tails[e]] for e, a in zip(edges, answers, strict=True)]

@@ -15,8 +15,7 @@ from mapmyworld.diagnosis.sample import odometry_yaw, take_sample
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
-from mapmyworld.registration.point_to_line import match_scan
-from mapmyworld.registration.scan_matching import COARSE, prepare_scans
+from mapmyworld.registration.scan_matching import COARSE, match_scan, prepare_scans
 from mapmyworld.sensing.plan import Plan, ScanSource
 from mapmyworld.types import Frame, LogSource
 

@@ -105,6 +105,11 @@ def se3_adjoint(a_from_b: ArrayLike) -> Array:
     return adjoint
 
 
+def transported(adjoint: Array, covariances: NDArray[np.floating]) -> Array:
+    """Tangents' `covariances` (N, d, d) in frames that `adjoint` (N, d, d) leads to: (N, d, d)."""
+    return np.asarray(adjoint @ covariances @ np.swapaxes(adjoint, 1, 2), np.float64)
+
+
 def interpolate(map_from_a: ArrayLike, map_from_b: ArrayLike, fraction: ArrayLike) -> Array:
     """Poses (..., 4, 4) at a `fraction` (...) of the way between two poses (..., 4, 4).
 

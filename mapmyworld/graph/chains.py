@@ -93,3 +93,18 @@ def _judged_together(
     limit = float(chi_squared_quantile(config.inlier_probability, system.dimension))
     found = replace(solution, limit=limit)
     return judged(motions, [""] * count, np.arange(count), found, system)
+
+
+def solve_draft(
+    nodes: Sequence[Node], constraints: Sequence[Judged], planar: bool, config: GraphConfig,
+    until: int | None = None,
+) -> SolvedGraph:  # fmt: skip
+    """The graph solved roughly, up to the node with the id `until`.
+
+    Enough to look again from its poses, at a fraction of the cost.
+    """
+    if until is not None:
+        nodes = [node for node in nodes if node.id <= until]
+        constraints = [c for c in constraints if max(c.from_id, c.to_id) <= until]
+    quick = replace(config, covariances=False, certify=False, groups=False)
+    return solve_by_chains(nodes, constraints, planar, quick, motions_judged=False)

@@ -18,7 +18,7 @@ from mapmyworld.backend.connected_components import components
 from mapmyworld.backend.starts import along_tree, spanning_tree
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import compose_planar, invert_planar, planar_adjoint, planar_log
-from mapmyworld.geometry.rigid import invert, se3_adjoint, se3_log
+from mapmyworld.geometry.rigid import invert, se3_adjoint, se3_log, transported
 
 _PARTNERS = 12  # nearest closures each one is compared with
 _EVIDENCE = 6.0  # log-likelihood ratio of true to chance from which two closures support each other
@@ -90,7 +90,7 @@ def _forward(
     back = tails > heads
     measured = measured.copy()
     adjoint = planar_adjoint(measured[back]) if planar else se3_adjoint(measured[back])
-    spread[back] = adjoint @ spread[back] @ np.swapaxes(adjoint, 1, 2)
+    spread[back] = transported(adjoint, spread[back])
     measured[back] = invert_planar(measured[back]) if planar else invert(measured[back])
     low, high = np.minimum(tails, heads), np.maximum(tails, heads)
     return low, high, measured, np.asarray(spread, np.float64)
@@ -133,9 +133,9 @@ def _loop_chi2(
     around = compose(compose(to_tail, poses[tails[m]]), measured[m])
     to_head = compose(around, inverse(poses[heads[m]]))
     error = compose(to_head, poses[heads[k]])
-    covariance = spread[k] + _transported(adjoint(around), spread[m])
+    covariance = spread[k] + transported(adjoint(around), spread[m])
     for ends, here in ((tails, to_tail), (heads, to_head)):
-        covariance += _transported(adjoint(here), _between_spread(odometry, ends[k], ends[m]))
+        covariance += transported(adjoint(here), _between_spread(odometry, ends[k], ends[m]))
     covariance = definite(covariance)
     residual = planar_log(error) if planar else se3_log(error)
     solved = np.linalg.solve(covariance, residual[..., None])[..., 0]
@@ -166,10 +166,6 @@ def alternatives(planar: bool, measured: Array) -> float:
     if planar:
         return np.pi * reach**2 * 2.0 * np.pi
     return 4.0 / 3.0 * np.pi * reach**3 * 8.0 * np.pi**2
-
-
-def _transported(adjoint: Array, covariance: Array) -> Array:
-    return np.asarray(adjoint @ covariance @ np.swapaxes(adjoint, 1, 2))
 
 
 def _between_spread(odometry: Odometry, a: Index, b: Index) -> Array:
@@ -223,7 +219,7 @@ def reckon(
     moved = tree.edges >= 0
     # An edge's covariance lives in the frame of the node that it points to.
     end = adjoint[heads[tree.edges[moved]]]
-    step[moved] = end @ np.linalg.inv(information[tree.edges[moved]]) @ np.swapaxes(end, 1, 2)
+    step[moved] = transported(end, np.linalg.inv(information[tree.edges[moved]]))
     parents = tree.parents
     while not np.array_equal(parents, parents[parents]):
         step = step + step[parents]

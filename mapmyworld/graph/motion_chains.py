@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array, Index
-from mapmyworld.geometry.rigid import between, invert, se3_adjoint, se3_exp, se3_log
+from mapmyworld.geometry.rigid import between, invert, se3_adjoint, se3_exp, se3_log, transported
 from mapmyworld.graph.graph_verdicts import faults_of
 from mapmyworld.parallel import batches
 from mapmyworld.types import Constraint, ConstraintKind, Judged, Node, Poses
@@ -105,7 +105,9 @@ class _Chains:
         for here in onward:
             reached[here] = reached[here - 1] @ reached[here]
         own = np.linalg.inv(np.stack([link.information for link in order]))
-        spread = _carried(own, between(reached[np.repeat(last, ends - first)], reached))
+        spread = transported(
+            se3_adjoint(between(reached[np.repeat(last, ends - first)], reached)), own
+        )
         for here in onward:
             spread[here] += spread[here - 1]
         return _Chains(order, first, last, reached, spread)
@@ -154,16 +156,10 @@ class _Chains:
         """
         chain, whole, share = self.chain, self.reached[self.last], self.share
         rest = np.eye(6) - share
-        both = rest @ _carried(starts, invert(whole))[chain] + share @ ends[chain]
+        both = rest @ transported(se3_adjoint(invert(whole)), starts)[chain] + share @ ends[chain]
         own = self.spread - share @ self.spread
         at_end = 0.5 * (both + np.swapaxes(both, 1, 2)) + own
-        return _carried(at_end, between(self.reached, whole[chain]))
-
-
-def _carried(covariances: Array, motions: Array) -> Array:
-    """Covariances (N, 6, 6) at other frames, from which `motions` (N, 4, 4) lead to their own."""
-    adjoint = se3_adjoint(motions)
-    return np.asarray(adjoint @ covariances @ np.swapaxes(adjoint, 1, 2))
+        return transported(se3_adjoint(between(self.reached, whole[chain])), at_end)
 
 
 def _chains(motions: Sequence[Judged], kept: set[int]) -> Iterator[_Chains]:

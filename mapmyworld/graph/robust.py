@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.backend.connected_components import held_nodes
 from mapmyworld.backend.descent import optimised_roughly
-from mapmyworld.backend.factors import with_factors
+from mapmyworld.backend.factors import between_factors
 from mapmyworld.backend.graduated import graduate
 from mapmyworld.backend.information import NotPositiveDefiniteError
 from mapmyworld.backend.residuals import chi_squared_quantile
@@ -72,7 +72,7 @@ def solve_robustly(
     closures = np.flatnonzero(~trusted).astype(np.int64)
     consistency = _compare(system, guess, trusted, closures, config)
     groups = groups_of(system, closures, consistency, limit)
-    system = with_factors(system)
+    system = replace(system, factors=between_factors(system))  # for all solutions of its parts
     question = _Question(system, trusted, closures, groups, limit, config)
     agreeing = trusted.copy()
     agreeing[closures[consistency.clique]] = True

@@ -13,9 +13,8 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.places.appearance import distinct, inverse_frequencies, weigh_words
-from mapmyworld.places.camera_features import features_of_camera
 from mapmyworld.places.image_proposals import CANDIDATES, NEAR, NEAR_ANGLE
-from mapmyworld.places.node_features import best_features
+from mapmyworld.places.node_features import best_features, features_of_camera
 from mapmyworld.places.vocabulary import Vocabulary, vocabulary_of_words
 from mapmyworld.registration.features import extract_features
 from mapmyworld.registration.image_pairs import register_images
@@ -117,7 +116,7 @@ class KnownImages:
             return None
         node_guess = None if guess is None else between(self.map_from_node[node], guess)
         found = register_images(known, view, self._config, guess=node_guess).registration
-        if not found.converged:
+        if not found.verdict.accepted:
             return None
         return Sighting(self.map_from_node[node] @ found.a_from_b, found)
 

@@ -18,8 +18,7 @@ from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.odometry.laser_odometry import LaserMotion
 from mapmyworld.odometry.pose_hypotheses import FEWEST
 from mapmyworld.registration.place_evidence import Agreement, Place
-from mapmyworld.registration.point_to_line import match_scan
-from mapmyworld.registration.scan_matching import Match, PreparedScan, prepare_scan
+from mapmyworld.registration.scan_matching import Match, PreparedScan, match_scan, prepare_scan
 from mapmyworld.registration.scan_search import APART
 from mapmyworld.types import Frame
 

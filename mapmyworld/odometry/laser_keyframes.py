@@ -9,27 +9,29 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array, Index
+from mapmyworld.geometry.planar import transform_points_planar
 from mapmyworld.kernels.scan_tracking import (
     chosen_keyframes,
     is_new,
     learn_matching,
     remember_scan,
 )
-from mapmyworld.registration.line_of_sight import share_seen_through
 from mapmyworld.registration.place_evidence import Place
-from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import (
     FINE,
     Match,
     PreparedScan,
     ScanSet,
+    match_scan,
     scan_set,
 )
-from mapmyworld.registration.scan_search import Submap
+from mapmyworld.registration.scan_search import Submap, submap_points
 
 Ring = tuple[NDArray[np.float32], Index, Array, Array, Index, Index]
 """Rows, counts, origins, poses, newest and places of keyframes."""
 _BACK = np.array([1, 3, 8])  # how many keyframes back the targets of a match lie
+_SECTORS = 360  # about the laser, in each of which the nearest surface hides the others
+_MARGIN, _SHARE = 0.2, 0.03  # m, and of the range, by which a point may miss its surface
 
 
 class Keyframes:
@@ -115,10 +117,6 @@ class Keyframes:
         """What the submap's scans saw together."""
         return Place.of(Submap.of(*self.targets()))
 
-    def share_seen_through(self, scan: PreparedScan, pose: Array) -> float:
-        """How much of a scan, from this pose (3,), lies beyond the submap's surfaces."""
-        return share_seen_through(scan, *self.targets(), pose)
-
     def targets(self) -> tuple[ScanSet, Array]:
         """The scans that are matched against, and their poses (S, 3)."""
         which = self._chosen()
@@ -127,3 +125,27 @@ class Keyframes:
 
     def _chosen(self) -> NDArray[np.int64]:
         return np.asarray(chosen_keyframes(_BACK, self._newest, len(self._counts)))
+
+
+def share_seen_through(scan: PreparedScan, targets: ScanSet, poses: Array, pose: Array) -> float:
+    """Share of a scan's points that, from a pose (3,), lie beyond surfaces of the targets.
+
+    Of those that lie at or beyond one: what comes from nearer may be somebody in the way, and
+    about the rest the targets, at `poses` (S, 3), indicate nothing.
+    """
+    origin = transform_points_planar(pose, scan.origin[None])
+    surfaces = submap_points(targets, poses)
+    known, sector = _polar(surfaces - origin)
+    nearest = np.full(_SECTORS, np.inf)
+    np.minimum.at(nearest, sector, known)
+    away, sector = _polar(transform_points_planar(pose, scan.rows[:, :2]) - origin)
+    behind, margin = away - nearest[sector], _MARGIN + _SHARE * away
+    beyond = int(np.count_nonzero(behind > margin))
+    met = int(np.count_nonzero(np.abs(behind) <= margin))
+    return beyond / max(beyond + met, 1)
+
+
+def _polar(points: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Distances (N,) of points (N, 2), and the sectors they lie in."""
+    turn = np.arctan2(points[:, 1], points[:, 0]) / (2.0 * np.pi) + 0.5
+    return np.hypot(points[:, 0], points[:, 1]), (turn * _SECTORS).astype(np.int64) % _SECTORS

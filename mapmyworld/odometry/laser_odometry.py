@@ -21,7 +21,7 @@ from mapmyworld.kernels.laser_motion import (
 from mapmyworld.kernels.scan_tracking import explains, learn_overlap, track_scans
 from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, reckoned_variances
 from mapmyworld.odometry.degeneracy import DegenerateSections
-from mapmyworld.odometry.laser_keyframes import Keyframes
+from mapmyworld.odometry.laser_keyframes import Keyframes, share_seen_through
 from mapmyworld.odometry.odometry_faults import OdometryFaults
 from mapmyworld.odometry.pose_hypotheses import FEWEST, Prior, likeliest_match
 from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
@@ -236,7 +236,8 @@ class LaserTracker:
         refuted = False
         if not (is_first or frame.is_interpolated):
             if not changed:
-                refuted = self._keyframes.share_seen_through(scan, prior.pose) >= _SEEN
+                seen = share_seen_through(scan, *self._keyframes.targets(), prior.pose)
+                refuted = seen >= _SEEN
             if changed or refuted:
                 self._keyframes.forget()
         if not prior.has_odometry:

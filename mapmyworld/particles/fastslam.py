@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config import Config, ParticlesConfig
+from mapmyworld.config import Config, ParticlesConfig, RegistrationConfig
 from mapmyworld.errors import LogError
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (
@@ -23,15 +23,16 @@ from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.parallel import batches
 from mapmyworld.particles.contradictions import Contradictions, contradictions
 from mapmyworld.particles.filter import Generation, ParticleFilter
-from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import paths_of, summary_of
 from mapmyworld.particles.kernels.surface_tiles import Beams
 from mapmyworld.particles.motions import Motion, motions_between, tracked_between
 from mapmyworld.particles.smoothing import Moves, smooth_path
+from mapmyworld.registration.scan_matching import prepare_scan
 from mapmyworld.types import Frame, Progress, Scan
 
 _AT_ONCE = 64  # scans that are tracked in one go
 _AHEAD = 2  # updates that are looked at ahead where scan and odometry contradict each other
+_LONE = 0.25  # m to the nearer neighbour in the sweep from which an end point stands alone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,3 +199,29 @@ def _covariances_of_frames(
     at_updates = np.array([generation.covariance for generation in generations])
     before = np.searchsorted(record.updates, np.arange(len(record.tracked)), "right") - 1
     return np.asarray(at_updates[before])
+
+
+def beams_from_scan(scan: Scan, settings: ParticlesConfig) -> Beams:
+    """About `beams` end points nearer than `range_max`, evenly spaced, with normals.
+
+    Lone ones without a normal are left out: where beams graze a wall they would hold on to it
+    as if it had marks, and keep the robot from moving along.
+    """
+    config = RegistrationConfig(
+        point_spacing=settings.beam_spacing,
+        point_count=settings.beams,
+        range_max=settings.range_max,
+    )
+    prepared = prepare_scan(scan, config)
+    rows = prepared.rows.astype(np.float64)
+    points, normals = rows[:, :2], rows[:, 2:4]
+    keep = normals.any(axis=1) | (_nearer_gap(points) < _LONE)
+    return Beams(
+        np.ascontiguousarray(points[keep]), np.ascontiguousarray(normals[keep]), prepared.origin
+    )
+
+
+def _nearer_gap(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Metres (N,) to the nearer of the neighbours before and after."""
+    gaps = np.hypot(*np.diff(points, axis=0).T)
+    return np.asarray(np.minimum(np.append(gaps, np.inf), np.insert(gaps, 0, np.inf)))

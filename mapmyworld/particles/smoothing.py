@@ -25,7 +25,7 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     planar_to_matrix,
 )
-from mapmyworld.graph.draft import solve_draft
+from mapmyworld.graph.chains import solve_draft
 from mapmyworld.graph.solved_graph import SolvedGraph
 from mapmyworld.odometry.pose_hypotheses import FEWEST
 from mapmyworld.places.laser_nodes import NodeScans

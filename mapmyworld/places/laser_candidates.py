@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -48,6 +49,24 @@ def candidate_pairs(nodes: LaserNodes, config: Config, *, optimised: bool, first
             near[apart < reach], apart[apart < reach], places.laser_revisits
         )
         pairs += [(int(spots[k]), int(later)) for k in best]
+    return pairs
+
+
+def lost_pairs(nodes: LaserNodes, config: Config) -> list[tuple[int, int]]:
+    """(earlier, later) indices of places of a session that drift may have moved apart, however far.
+
+    The nearest place of an earlier visit need not be the true one when poses are metres off:
+    so every place within reach of the drift is compared, or of many some all over that reach.
+    """
+    size = config.places.laser_submap
+    earlier = calm_spots(nodes, size)
+    pairs: list[tuple[int, int]] = []
+    for later in calm_spots(nodes, 2.0 * size).tolist():
+        near = earlier[(earlier < later) & (nodes.session[earlier] == nodes.session[later])]
+        drift = nodes.drift.metres(near, later)
+        apart = np.hypot(*(nodes.poses[near, :2] - nodes.poses[later, :2]).T)
+        worth = near[(drift > NEAR) & (apart < size + drift)]
+        pairs += [(int(k), later) for k in worth[:: max(math.ceil(len(worth) / MOST), 1)]]
     return pairs
 
 

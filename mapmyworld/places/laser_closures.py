@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array
@@ -26,12 +25,12 @@ from mapmyworld.places.laser_candidates import (
     Pairs,
     candidate_pairs,
     drift_window,
+    lost_pairs,
     untied,
 )
-from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
+from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, held_by, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, place_around, submap_members
 from mapmyworld.places.perceptual_aliasing import reject_aliases
-from mapmyworld.places.wide_search import held_by, lost_pairs
 from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import Match
 from mapmyworld.registration.scan_search import (
@@ -51,7 +50,6 @@ from mapmyworld.types import (
     Why,
 )
 
-Index = NDArray[np.int64]
 _KEPT = 16  # places, for neighbours are compared with the same ones
 _LONGER = 4  # times as long: submaps for what ordinary ones leave open
 _OPEN = Why.AMBIGUOUS_POSE, Why.AMBIGUOUS_PLACE, Why.DEGENERATE
@@ -201,12 +199,14 @@ def _compare(
         float(np.hypot(*moved[:2])),
     )  # fmt: skip
     verdict = _verdict(source, found, match, needed, place.submap.margin)
-    information = np.eye(3)
+    information: Array = np.eye(3)
     if verdict.accepted:
         information = closure_information(match)
         if size > 1:
             sections = [(k, submap_members(nodes, k, config, size)) for k in (a, b)]
-            information = _of_longer(information, nodes.drift.within(sections), size)
+            # What motions within them err by comes on top, and so many more closures share a scan.
+            spread = np.linalg.inv(information) + nodes.drift.within(sections)
+            information = np.asarray(np.linalg.inv(size * spread), np.float64)
     return _constraint(nodes, a, b, match.pose, information, source, verdict)
 
 
@@ -252,11 +252,3 @@ def _constraint(
 def closure_information(match: Match) -> Array:
     """(3, 3): nothing is known better than the maps of the two places agree in themselves."""
     return np.asarray(np.linalg.inv(np.linalg.inv(match.information) + _AGREEMENT))
-
-
-def _of_longer(information: Array, motions: Array, size: int) -> Array:
-    """(3, 3) of what submaps `size` times as long measured, that of its scans being (3, 3).
-
-    What `motions` (3, 3) within them err by comes on top, and so many more closures share a scan.
-    """
-    return np.asarray(np.linalg.inv(size * (np.linalg.inv(information) + motions)))

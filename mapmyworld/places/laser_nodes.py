@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.connected_components import components
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
@@ -15,7 +17,9 @@ from mapmyworld.odometry.pose_hypotheses import FEWEST
 from mapmyworld.odometry.unobserved_motion import FARTHEST
 from mapmyworld.places.path_drift import PathDrift, fault_variances, stated_variances
 from mapmyworld.places.stored_scans import Scans, StoredScans
-from mapmyworld.types import MapStore, Node, Poses
+from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, Poses
+
+_CLOSURES = CLOSURES | {ConstraintKind.USER}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,3 +138,33 @@ def _unevenness(nodes: LaserNodes) -> Array:
     """(N,) rad by which the turn from each node differs from the turn to it."""
     turns = wrap_angle(np.diff(nodes.poses[:, 2], prepend=nodes.poses[0, 2]))
     return np.abs(np.diff(turns, append=turns[-1:]))
+
+
+def held_by(nodes: LaserNodes, constraints: Iterable[Judged]) -> LaserNodes:
+    """The nodes, knowing which accepted closures hold them, and with joined sessions as one."""
+    closures = _closures(constraints)
+    session = _joined(nodes.ids, nodes.session, closures)
+    row = {int(i): k for k, i in enumerate(nodes.ids)}
+    ends = [(row[c.from_id], row[c.to_id]) for c in closures if {c.from_id, c.to_id} <= row.keys()]
+    drift = nodes.drift.held_by(np.array(ends, np.int64).reshape(-1, 2))
+    return replace(nodes, drift=drift, session=session)
+
+
+def joined_sessions(loaded: NodeScans, constraints: Iterable[Judged]) -> Index:
+    """(N,) number of each node's session, those as one that accepted closures join."""
+    ids = np.array([node.id for node in loaded.nodes], np.int64)
+    return _joined(ids, sessions_of(loaded.variances), _closures(constraints))
+
+
+def _closures(constraints: Iterable[Judged]) -> list[Judged]:
+    return [c for c in constraints if c.accepted and c.kind in _CLOSURES]
+
+
+def _joined(ids: Index, session: Index, closures: Sequence[Judged]) -> Index:
+    """(N,) numbers of sessions, those as one that closures tie."""
+    if not closures or not session.any():
+        return session
+    ends = np.array([(c.from_id, c.to_id) for c in closures])
+    ends = ends[np.isin(ends, ids).all(axis=1)]
+    a, b = session[np.searchsorted(ids, ends)].T
+    return components(int(session.max()) + 1, a, b)[session]

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar
 from mapmyworld.places.laser_nodes import LaserNodes
 from mapmyworld.registration.place_evidence import Place
-from mapmyworld.registration.point_to_line import match_scan
-from mapmyworld.registration.scan_matching import FINE, Match, PreparedScan
+from mapmyworld.registration.scan_matching import FINE, Match, PreparedScan, match_scan
 from mapmyworld.registration.scan_search import Submap, rows_of
 
-Index = NDArray[np.int64]
 _NO_PRIOR = np.diag([1e-3, 1e-3, 1e-3])
 
 

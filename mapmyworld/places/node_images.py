@@ -13,8 +13,13 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import evenly_along
 from mapmyworld.parallel import in_threads
-from mapmyworld.places.camera_features import features_of_camera, joined_features
-from mapmyworld.places.node_features import Prepared, prepared_image, usable_images
+from mapmyworld.places.node_features import (
+    Prepared,
+    features_of_camera,
+    joined_features,
+    prepared_image,
+    usable_images,
+)
 from mapmyworld.places.vocabulary import Vocabulary, train_vocabulary, vocabulary_of_words
 from mapmyworld.registration.views import View, binary_words, make_view
 from mapmyworld.types import (

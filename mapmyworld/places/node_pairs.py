@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError, MapMyWorldError
 from mapmyworld.parallel import in_threads
-from mapmyworld.places.camera_features import features_of_camera
+from mapmyworld.places.node_features import features_of_camera
 from mapmyworld.registration.features import extract_features
 from mapmyworld.registration.image_pairs import ImagePair, register_images
 from mapmyworld.registration.views import View, make_view

@@ -14,14 +14,14 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
-from mapmyworld.geometry.rigid import between, invert, se3_adjoint
+from mapmyworld.geometry.rigid import between, invert, se3_adjoint, transported
 from mapmyworld.graph.edited_constraints import as_found
 from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.map_figures import contradictions_of
 from mapmyworld.mapping.occupancy import added_grid, build_grid
 from mapmyworld.places.session_joining import locate_session
 from mapmyworld.sessions.copying import Placed, copied_constraints, copy_drives, copy_plan
-from mapmyworld.sessions.joining import have_scans, session_places, tie_sessions
+from mapmyworld.sessions.joining import has_laser, session_places, tie_sessions
 from mapmyworld.sessions.session_maps import (
     SessionMap,
     digest_of,
@@ -88,8 +88,8 @@ def _first_that_joins(
     base: SessionMap, session_maps: Sequence[SessionMap], config: Config, progress: Progress
 ) -> tuple[SessionMap, Array] | None:
     """And where its frame (4, 4) lies in that of the map."""
-    session_maps = [session_map for session_map in session_maps if have_scans(base, session_map)]
-    if not session_maps:
+    session_maps = [session_map for session_map in session_maps if has_laser(session_map)]
+    if not session_maps or not has_laser(base):
         return None
     progress.stage("join sessions", len(session_maps), "sessions")
     known = session_places(base, config)
@@ -172,8 +172,7 @@ def _held_poses(scratch: MapStore, skeleton: SessionMap, base: SessionMap, item:
         row_of = {int(i): row for row, i in enumerate(known.ids)}
         rows = np.array([row_of[skeleton.nodes[k].id] for k in nearest])
         carry = se3_adjoint(invert(from_held))
-        carried = carry @ known.covariances[rows] @ np.swapaxes(carry, 1, 2)
-        covariances = carried + found.covariances[new]
+        covariances = transported(carry, known.covariances[rows]) + found.covariances[new]
     return Poses(found.ids[new], poses, covariances)
 
 

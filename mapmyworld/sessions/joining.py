@@ -13,10 +13,9 @@ from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation.known_images import KnownImages
-from mapmyworld.places.laser_nodes import load_node_scans, nodes_at
+from mapmyworld.places.laser_nodes import held_by, load_node_scans, nodes_at
 from mapmyworld.places.session_closures import closures_between
 from mapmyworld.places.session_joining import Joint, SessionPlaces, find_joints, locate_session
-from mapmyworld.places.wide_search import held_by
 from mapmyworld.registration.views import View
 from mapmyworld.sessions.copying import Placed
 from mapmyworld.sessions.session_maps import SessionMap
@@ -78,7 +77,7 @@ def join_session_maps(
 ) -> list[Joint]:
     """For each session one earlier session of every group that it belongs to."""
     maps = [
-        session_places(session_map, config) if _has_laser(session_map) else None
+        session_places(session_map, config) if has_laser(session_map) else None
         for session_map in session_maps
     ]
     progress.stage("join sessions", len(session_maps), "sessions")
@@ -94,12 +93,8 @@ def join_session_maps(
     return find_joints(len(session_maps), locate)
 
 
-def have_scans(a: SessionMap, b: SessionMap) -> bool:
-    """Whether a laser drew both."""
-    return _has_laser(a) and _has_laser(b)
-
-
-def _has_laser(session_map: SessionMap) -> bool:
+def has_laser(session_map: SessionMap) -> bool:
+    """Whether a laser drew it."""
     return session_map.planar and has_scans(session_map.store)
 
 

@@ -62,12 +62,21 @@ def recognise(
     _check_wheels(store, progress, alone=loaded is None)
 
 
+def solve_draft_of(
+    store: MapStore, config: Config, constraints: Sequence[Judged], until: int | None = None
+) -> SolvedGraph:
+    """The graph of a store's nodes with these constraints, up to the node with the id `until`."""
+    from mapmyworld.graph.chains import solve_draft
+    from mapmyworld.sensing.plan import moves_in_plane
+
+    return solve_draft(store.nodes(), constraints, moves_in_plane(store), config.graph, until)
+
+
 def closures_by_laser(
     store: MapStore, config: Config, progress: Progress, loaded: NodeScans
 ) -> list[Judged]:
     """Those of all nodes, section by section."""
     from mapmyworld.places.laser_sections import closures_by_section
-    from mapmyworld.stages.solve_draft import solve_draft_of
 
     solve = functools.partial(solve_draft_of, store, config)
     return closures_by_section(loaded, store.constraints(), solve, config, progress)
@@ -84,10 +93,8 @@ def closures_between_sessions(
 
     Each session lies as its closures hold it, and those that are joined are one.
     """
-    from mapmyworld.places.laser_nodes import nodes_at
+    from mapmyworld.places.laser_nodes import held_by, joined_sessions, nodes_at
     from mapmyworld.places.session_closures import Pair, session_closures
-    from mapmyworld.places.wide_search import held_by, joined_sessions
-    from mapmyworld.stages.solve_draft import solve_draft_of
 
     stored, ties, apart = store.constraints(), list[Judged](), set[Pair]()
     losses = [c for c in stored if c.is_tracking_loss]

@@ -23,8 +23,7 @@ from mapmyworld.parallel import on_one_thread
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.stages.kept import has_images
 from mapmyworld.stages.level_map import levelled_poses
-from mapmyworld.stages.recognise import LoadScans, add_closures
-from mapmyworld.stages.solve_draft import solve_draft_of
+from mapmyworld.stages.recognise import LoadScans, add_closures, solve_draft_of
 from mapmyworld.types import CLOSURES, Judged, MapStore, Poses, Progress
 from mapmyworld.types.edits import Edit, EditAction
 
@@ -123,7 +122,7 @@ def _refined(
         return solved.poses, solved.constraints, ()
     from mapmyworld.alignment.closure_refinement import refine_closures
     from mapmyworld.alignment.laser_refinement import refine_poses
-    from mapmyworld.places.wide_search import joined_sessions
+    from mapmyworld.places.laser_nodes import joined_sessions
 
     session = joined_sessions(loaded, solved.constraints)
     frames = store.tracked_frames()
@@ -141,7 +140,7 @@ def _divides(scans: LoadScans) -> list[int]:
     loaded = scans()
     if loaded is None:
         return []
-    from mapmyworld.places.wide_search import joined_sessions
+    from mapmyworld.places.laser_nodes import joined_sessions
 
     begins = 1 + np.flatnonzero(np.diff(joined_sessions(loaded, ())))
     return [loaded.nodes[row].id for row in begins.tolist()]

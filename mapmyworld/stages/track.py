@@ -15,16 +15,25 @@ from mapmyworld.decisions import decided, is_heard
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import transforms_of_rows
 from mapmyworld.odometry.gravity_direction import GravityDirection
+from mapmyworld.odometry.tracking_losses import named_moments
 from mapmyworld.parallel import batches, in_threads, made_ahead
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.cloud_scans import thinned
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
-from mapmyworld.stages.judge_odometry import judge_odometry
 from mapmyworld.stages.nodes import Motion, NodeSelector, Step, neighbours
 from mapmyworld.stages.plan_log import stage_of_log
 from mapmyworld.stages.trackers import AT_ONCE, Tracker, make_tracker, needs_inertial
-from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
+from mapmyworld.types import (
+    Frame,
+    Judged,
+    LogSource,
+    MapStore,
+    NodeData,
+    Progress,
+    TrackedFrames,
+    Why,
+)
 from mapmyworld.types.wording import source_in_words
 
 if TYPE_CHECKING:
@@ -58,7 +67,7 @@ def track(
     )  # fmt: skip
     _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
-    refuted = judge_odometry(store, config)
+    refuted = _judge_odometry(store, config)
     faults = [finding for finding in _diagnose(store, plan, config) if not finding.good]
     still = _standing(writer.nodes, counts.frames, config.sensing)
     notes = [*_lag_notes(lag_s), *tracker.notes(), *refuted, *still, *_count_notes(counts)]
@@ -231,3 +240,31 @@ def _count_losses(counts: FrameCounts, guard: ImageGuard) -> Iterator[str]:
         yield f"{counts.without_odometry} frames have no odometry near their stamp"
     if counts.unpaired_images:
         yield f"{counts.unpaired_images} colour images have no depth image near their stamp"
+
+
+def _judge_odometry(store: MapStore, config: Config) -> list[str]:
+    """Replaces motions by odometry that later scans refute; one line that says where, if any."""
+    from mapmyworld.places.laser_nodes import load_node_scans, nodes_at
+    from mapmyworld.places.refuted_odometry import is_unsupported, refuted_odometry
+
+    constraints = store.constraints()
+    if not any(is_unsupported(c) for c in constraints):
+        return []
+    nodes = nodes_at(load_node_scans(store, config), None)
+    judged = refuted_odometry(nodes, constraints, config)
+    store.judge(judged)
+    return _faults(store, judged)
+
+
+def _faults(store: MapStore, judged: Sequence[Judged]) -> list[str]:
+    refuted = [c for c in judged if c.verdicts and c.verdicts[-1].why is Why.REFUTED]
+    if not refuted:
+        return []
+    stamps = {node.id: node.stamp_ns for node in store.nodes()}
+    when = named_moments([stamps[c.from_id] for c in refuted], min(stamps.values()))
+    found = [c.verdicts[-1].numbers for c in refuted]
+    metres, degrees = (max(numbers[key] for numbers in found) for key in ("metres", "degrees"))
+    return [
+        f"odometry fault after {when}: later scans place the robot up to {metres:.1f} m and "
+        f"{degrees:.0f} deg from there; it was carried, or its wheels slipped"
+    ]

@@ -23,16 +23,12 @@ class Registration:
     information: NDArray[np.float64]
     """(6, 6) inverse covariance of the right perturbation, rotation first."""
     verdict: Verdict
+    """Whether it can be used."""
     inliers: int = 0
     overlap: float = 0.0
     """Share of b's observation that a explains, 0 to 1."""
     residual: float = float("inf")
     """Root mean square over inliers; metres (scans) or pixels (images)."""
-
-    @property
-    def converged(self) -> bool:
-        """Whether it can be used."""
-        return self.verdict.accepted
 
 
 class ConstraintKind(StrEnum):

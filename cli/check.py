@@ -11,12 +11,13 @@ from pathlib import Path
 import click
 
 from cli.arguments import PATH, FiniteRange, format_option, map_argument, wants_json
-from cli.checking import BETTER, KEYS, Facts, Sources, few_relations_note, measure
+from cli.checking import BETTER, KEYS, Facts, Sources, measure
 from cli.completion import keys_from
 from cli.exit_codes import EXIT_CHECK_FAILED
 from cli.figure_names import figures_of, problems_of
 from cli.gates import WHOLE, judged, no_worse, read_requirements, wholeness
 from cli.outputs import require_apart
+from cli.scoring import few_relations
 from cli.standard_streams import end_partial, own_words, show_result, shown
 from formats.check_results import Verdict, junit_xml, markdown
 from formats.database import open_store
@@ -95,7 +96,7 @@ def check(
         _show(verdicts)
         if not all(verdict.passed for verdict in verdicts):
             sys.exit(EXIT_CHECK_FAILED)
-        few = few_relations_note(facts)
+        few = [] if relations is None else few_relations(facts.related)
     if not allow_partial:
         end_partial(few)
     for line in few:

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 from cli.figure_names import figures_of
-from cli.scoring import coverage, few_relations, read_any_trajectory, score_loops, truth_beside
+from cli.scoring import coverage, read_any_trajectory, score_loops, truth_beside
 from formats.grid_files import read_grid
 from formats.relation_files import read_relations
 from mapmyworld.errors import ConfigError
@@ -180,11 +180,6 @@ KEYS: dict[str, Key] = {
 }
 BETTER = {name: key.better for name, key in KEYS.items() if key.better}
 """The keys that can be compared with an older map's."""
-
-
-def few_relations_note(facts: Facts) -> list[str]:
-    """That few of the relations given are of the map's time; nothing where most are."""
-    return [] if facts.sources.relations is None else few_relations(facts.related)
 
 
 def measure(wanted: set[str], facts: Facts) -> dict[str, float]:

@@ -111,8 +111,9 @@ def _summary(
             forget_products(path)
             with open_store(path, read_only=True) as store:
                 beside += products_beside(store, path, config, progress)[0]
-        elif made.names != (str(path),):  # else it is what it was
-            _note_stale(path, progress)
+        elif made.names != (str(path),) and (stale := products_of(path)):  # else it is what it was
+            named = ", ".join(product.name for product in stale)
+            progress.note(f"{named}: of the map before; `mapmyworld export` writes them anew")
     return {
         "maps": [
             {
@@ -127,12 +128,6 @@ def _summary(
         "files": [*map(str, results), *beside],
         **progress.spent(),
     }
-
-
-def _note_stale(path: Path, progress: StderrProgress) -> None:
-    stale = ", ".join(product.name for product in products_of(path))
-    if stale:
-        progress.note(f"{stale}: of the map before; `mapmyworld export` writes them anew")
 
 
 def require_maps(paths: Sequence[Path]) -> None:

@@ -116,13 +116,8 @@ def _as_given(error: UnicodeError) -> tuple[str | bytes, int]:
     """File names as they are, and what the stream cannot hold as `?`."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    letters = error.object[error.start : error.end]
-    return b"".join(_byte_of(ord(letter)) for letter in letters), error.end
-
-
-def _byte_of(code: int) -> bytes:
-    """The byte for which Python's names of files have this code."""
-    return bytes([code - 0xDC00]) if 0xDC80 <= code <= 0xDCFF else b"?"
+    codes = map(ord, error.object[error.start : error.end])  # of a name's bytes from 0xDC80 on
+    return bytes(c - 0xDC00 if 0xDC80 <= c <= 0xDCFF else ord("?") for c in codes), error.end
 
 
 def show_result(facts: Any, lines: Iterable[str]) -> None:

@@ -22,7 +22,8 @@ def write_cloud(path: Path, cloud: PointCloud) -> None:
     if suffix == ".pcd":
         write_whole(path, _pcd(cloud))
     elif suffix == ".ply":
-        write_whole(path, _ply(cloud))
+        table = cloud_table(cloud)
+        write_whole(path, ply_header(table) + table.tobytes())
     else:
         raise MapError(f"{path}: a cloud is written as .ply or .pcd")
 
@@ -54,11 +55,6 @@ def cloud_table(cloud: PointCloud, *, packed_colour: bool = False) -> NDArray[np
     for name, _, values in columns:
         table[name] = values
     return table
-
-
-def _ply(cloud: PointCloud) -> bytes:
-    table = cloud_table(cloud)
-    return ply_header(table) + table.tobytes()
 
 
 def _pcd(cloud: PointCloud) -> bytes:

@@ -66,7 +66,8 @@ def convert_log(
         for time_ns, topic, write in copier.writes(log, selection.topics):
             if end_ns is not None and time_ns >= end_ns:
                 break
-            if time_ns >= first_ns or _is_latched(topic):
+            # Fixed transforms hold in the part that is wanted even where they came before it.
+            if time_ns >= first_ns or topic.rstrip("/").endswith("tf_static"):
                 latched += time_ns < first_ns
                 times = [*times[:1], max(time_ns, first_ns)]
                 write(times[-1])
@@ -87,11 +88,6 @@ def _selected_s(selection: Selection, log_s: float) -> float:
     """Seconds of a log of this length that are wanted."""
     rest = max(log_s - selection.start_s, 0.0)
     return rest if selection.duration_s is None else min(rest, selection.duration_s)
-
-
-def _is_latched(topic: str) -> bool:
-    """Whether what came before the part that is wanted still holds in it: fixed transforms."""
-    return topic.rstrip("/").endswith("tf_static")
 
 
 def _check_topics(selection: Selection, known: set[str]) -> None:
@@ -167,6 +163,6 @@ class Copier:
 
 def _recorded(log: LogSource) -> RecordedLog | MergedLog | None:
     """The log, where its messages can be had undecoded."""
-    if isinstance(log, RecordedLog) or (isinstance(log, MergedLog) and log.is_recorded):
-        return log
-    return None
+    if isinstance(log, MergedLog):
+        return log if all(isinstance(source, RecordedLog) for source in log.sources) else None
+    return log if isinstance(log, RecordedLog) else None

@@ -13,7 +13,7 @@ _CONTROLS = re.compile(
 
 def readable(text: str) -> str:
     """The text with control characters written out, as \\x1b: none moves, colours or reorders."""
-    return _CONTROLS.sub(_written_out, text)
+    return _CONTROLS.sub(lambda m: m.group().encode("unicode_escape").decode("ascii"), text)
 
 
 def one_line(name: str) -> str:
@@ -24,7 +24,3 @@ def one_line(name: str) -> str:
     left = len(line) - _LONGEST
     half = _LONGEST // 2
     return f"{line[:half]}...({left} more)...{line[-half:]}"
-
-
-def _written_out(found: re.Match[str]) -> str:
-    return found.group().encode("unicode_escape").decode("ascii")

@@ -33,7 +33,7 @@ class LogWriter:
     ) -> None:
         """Raises LogError where the path exists, unless `overwrite`, or cannot be written."""
         self.path = Path(path)
-        kind = container_of(self.path)
+        kind = self.path.suffix if self.path.suffix in COMPRESSIONS else ".db3"
         compression = compression or COMPRESSIONS[kind][0]
         if compression not in COMPRESSIONS[kind]:
             raise LogError(
@@ -84,11 +84,6 @@ class LogWriter:
                     self.sink.close()
         finally:
             shutil.rmtree(self._part, ignore_errors=True)
-
-
-def container_of(path: Path) -> str:
-    """The kind of log by the path's name: .mcap, .bag or .db3; a folder is a .db3 recording."""
-    return path.suffix if path.suffix in COMPRESSIONS else ".db3"
 
 
 def _put_in_place(part: Path, path: Path) -> None:

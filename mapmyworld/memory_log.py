@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -37,12 +36,9 @@ class MemoryLog:
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         for topic, message, time in self._messages:
             if topics is None or topic in topics:
-                decode = partial(_itself, message)
-                yield RawMessage(topic, message.kind, time, message.stamp_ns, decode)
+                yield RawMessage(
+                    topic, message.kind, time, message.stamp_ns, lambda message=message: message
+                )
 
     def losses(self) -> tuple[str, ...]:
         return ()
-
-
-def _itself(message: Message) -> Message:
-    return message

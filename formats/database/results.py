@@ -23,20 +23,11 @@ def parameters_to_text(parameters: Mapping[str, str]) -> str:
     return ";".join(f"{key}:{clean[key]}" for key in sorted(clean))
 
 
-def text_to_parameters(text: str | None) -> dict[str, str]:
-    """The other way round: split at ";", then at the first ":"."""
-    pairs = (part.partition(":") for part in (text or "").split(";") if ":" in part)
-    return {key: value for key, _, value in pairs}
-
-
-def read_parameters(db: Connection) -> dict[str, str]:
-    """Those of the one Info row."""
-    return text_to_parameters(db.row("SELECT parameters FROM Info")[0])
-
-
 def write_parameters(db: Connection, parameters: Mapping[str, str]) -> None:
     """Adds to those of the one Info row; keeps its count of nodes true as well."""
-    text = parameters_to_text(read_parameters(db) | dict(parameters))
+    (known,) = db.row("SELECT parameters FROM Info")
+    pairs = (part.partition(":") for part in (known or "").split(";") if ":" in part)
+    text = parameters_to_text({key: value for key, _, value in pairs} | dict(parameters))
     (last,) = db.row("SELECT COALESCE(MAX(id), 0) FROM Node")
     db.run(
         "UPDATE Info SET parameters = ?1, last_sign_added = ?2"

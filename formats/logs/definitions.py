@@ -112,14 +112,9 @@ def _values_of(store: Typestore, field: Any, known: dict[str, int], depth: int) 
         return values_of(store, what, known, depth + 1)
     element, size = what[0], int(what[1])
     inside = _values_of(store, element, known, depth)
-    if kind == Nodetype.ARRAY:
-        return min(size, 1) if _is_number(element) else size * max(inside, 1)
+    if kind == Nodetype.ARRAY:  # arrays of numbers are read at once, whatever their size
+        is_number = element[0] == Nodetype.BASE and element[1][0] not in ("string", "wstring")
+        return min(size, 1) if is_number else size * max(inside, 1)
     if inside == 0:
         raise ValueError("a sequence of messages without content, which may claim any length")
     return inside
-
-
-def _is_number(field: Any) -> bool:
-    """Arrays of which are read at once, whatever their size."""
-    kind, what = field
-    return kind == Nodetype.BASE and what[0] not in ("string", "wstring")

@@ -24,7 +24,7 @@ from formats.logs.message_fields import (
     stamp_of,
     xyz,
 )
-from formats.logs.point_clouds import PointField, cloud_points
+from formats.logs.point_clouds import PointField, cloud_cells, cloud_points
 from formats.logs.ros_decoders import camera_info, image, image_compressed, pose
 from mapmyworld.types import (
     LaserScanMessage,
@@ -105,7 +105,7 @@ def point_cloud(value: Any) -> PointCloudMessage:
         )
         for item in field(value, "fields", ())
     ]
-    points, colours = cloud_points(fields, data, len(data) // step, 1, step, 0)
+    points, colours = cloud_points(cloud_cells(fields, data, len(data) // step, 1, step, 0))
     at = pose_of(value)
     if not np.array_equal(at, np.eye(4)):
         points = singles(points @ at[:3, :3].T + at[:3, 3])

@@ -43,11 +43,6 @@ class MergedLog:
         streams = [source.messages(topics) for source in self.sources]
         return heapq.merge(*streams, key=lambda message: message.log_time_ns)
 
-    @property
-    def is_recorded(self) -> bool:
-        """Whether all parts hold serialised messages, so that `records` works."""
-        return all(isinstance(source, RecordedLog) for source in self.sources)
-
     def mended_records(
         self, topics: Collection[str] | None = None
     ) -> Iterator[tuple[Record, RawMessage | None]]:

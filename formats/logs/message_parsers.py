@@ -25,17 +25,13 @@ def parser_of(channel: Channel) -> Parse | None:
         described = channel.encoding, channel.type_name, channel.schema_encoding, channel.schema
         return _ros_parser(*described)
     if channel.encoding == "json":
-        return _parse_json
+        return partial(json_from_text, object_hook=lambda fields: SimpleNamespace(**fields))
     if channel.encoding == "protobuf":
         try:
             return _protobuf_parser(channel)
         except Exception:  # a schema that its own library cannot take: the topic is passed over
             return None
     return None
-
-
-def _parse_json(data: bytes) -> Any:
-    return json_from_text(data, object_hook=lambda fields: SimpleNamespace(**fields))
 
 
 def _protobuf_parser(channel: Channel) -> Parse:

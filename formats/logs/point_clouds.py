@@ -24,19 +24,9 @@ class PointField:
 
 
 def cloud_points(
-    fields: Sequence[PointField],
-    data: bytes | memoryview,
-    width: int,
-    height: int,
-    step: int,
-    row_step: int,
-    big_endian: bool = False,
+    cells: NDArray[np.void],
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
-    """Points (N, 3) without the rows that are not finite, and their RGB (N, 3) or None.
-
-    ValueError where the fields do not fit the data.
-    """
-    cells = _cells(fields, data, width, height, step, row_step, big_endian)
+    """Points (N, 3) without the rows that are not finite, and their RGB (N, 3) or None."""
     if not {"x", "y", "z"} <= set(cells.dtype.names or ()):
         raise ValueError("a point cloud without x, y and z")
     points = np.stack([singles(cells[axis]) for axis in "xyz"], axis=-1)
@@ -45,16 +35,16 @@ def cloud_points(
     return points[finite], None if colours is None else colours[finite]
 
 
-def _cells(
+def cloud_cells(
     fields: Sequence[PointField],
     data: bytes | memoryview,
     width: int,
     height: int,
     step: int,
     row_step: int,
-    big_endian: bool,
+    big_endian: bool = False,
 ) -> NDArray[np.void]:
-    """One structured value a point, rows with padding included."""
+    """One structured value a point; ValueError where the fields do not fit the data."""
     order = ">" if big_endian else "<"
     known = {field.name: field for field in fields if field.datatype in DATATYPES}
     layout = np.dtype(

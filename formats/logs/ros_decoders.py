@@ -24,7 +24,7 @@ from formats.logs.message_fields import (
     singles_of,
     xyz,
 )
-from formats.logs.point_clouds import cloud_points
+from formats.logs.point_clouds import cloud_cells, cloud_points
 from mapmyworld.types import (
     CameraInfoMessage,
     GpsMessage,
@@ -156,8 +156,9 @@ def point_cloud(value: Any) -> PointCloudMessage:
     if len(value.fields) > _MOST_FIELDS:
         raise ValueError(f"{len(value.fields)} fields")
     size = value.width, value.height, value.point_step, value.row_step
-    big_endian = bool(value.is_bigendian)
-    points, colours = cloud_points(value.fields, memoryview(value.data), *size, big_endian)
+    points, colours = cloud_points(
+        cloud_cells(value.fields, memoryview(value.data), *size, bool(value.is_bigendian))
+    )
     return PointCloudMessage(*header_of(value), points, colours)
 
 

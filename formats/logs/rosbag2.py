@@ -46,13 +46,9 @@ def connect_read_only(path: Path) -> sqlite3.Connection:
     options = "mode=ro" if wal.is_file() and wal.stat().st_size else "mode=ro&immutable=1"
     uri = f"{path.resolve().as_uri()}?{options}"
     database = sqlite3.connect(uri, uri=True, check_same_thread=False)
-    database.text_factory = lossy_text
+    # What is no UTF-8 in a damaged database must not end the reading.
+    database.text_factory = lambda data: data.decode("utf-8", "replace")
     return database
-
-
-def lossy_text(data: bytes) -> str:
-    """Text of a damaged database: what is no UTF-8 must not end the reading."""
-    return data.decode("utf-8", "replace")
 
 
 def one_line(error: Exception) -> str:

@@ -108,7 +108,9 @@ class TumRgbdLog(ListedLog):
             try:
                 entry = _Entry(stamp_from_text(words[0]), tuple(words[1 : fields + 1]))
                 if fields == 7:
-                    _whole_pose(entry, line)
+                    if not line.endswith((b"\n", b"\r")):
+                        raise ValueError("the line may end within a number")
+                    _pose(entry)
                 elif len(entry.fields) < fields or not self._file(entry).is_file():
                     raise ValueError("no such file")
             except (ValueError, LogError, OSError, RuntimeError):  # these two of names: see _file
@@ -153,13 +155,6 @@ def _bytes(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
-
-
-def _whole_pose(entry: _Entry, line: bytes) -> None:
-    """Raises ValueError where a line is none: one without its end may end within a number."""
-    if not line.endswith((b"\n", b"\r")):
-        raise ValueError("the line is cut")
-    _pose(entry)
 
 
 def _pose(entry: _Entry) -> PoseMessage:

@@ -49,7 +49,8 @@ def report_html(contents: ReportContents) -> str:
     page.section("Residuals", *_fit(contents))
     page.section("Uncertainty", _chart("sigma") if contents.nodes.sigmas_m is not None else "")
     page.section("Settings that differ", *_settings(contents))
-    page.section("Reproduce this map", *_again(contents))
+    again = f"<pre>{escape(contents.reproduce)}</pre>" if contents.reproduce else ""
+    page.section("Reproduce this map", again)
     page.section("Time and memory", _timing(contents))
     page.section("Optimality", paragraph(contents.proof))
     page.data("data", page_data(contents))
@@ -184,12 +185,6 @@ def _settings(contents: ReportContents) -> list[str]:
     if not contents.settings:
         return [paragraph("None: all settings have their defaults.")]
     return [table(("setting", "here", "default"), contents.settings)]
-
-
-def _again(contents: ReportContents) -> list[str]:
-    if not contents.reproduce:
-        return []
-    return [f"<pre>{escape(contents.reproduce)}</pre>"]
 
 
 def _timing(contents: ReportContents) -> str:

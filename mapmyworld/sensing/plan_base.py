@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mapmyworld.sensing.plan import Draft
-from mapmyworld.sensing.transforms import Edge, TransformTree, frame_name, is_called
+from mapmyworld.sensing.transforms import TransformTree, frame_name, is_called
 from mapmyworld.types import MessageKind
 
 BASES = ("base_footprint", "base_link", "robot_footprint", "base", "chassis", "body", "base_frame")
@@ -87,12 +87,8 @@ def _topmost(draft: Draft, frame: str) -> str:
     """The highest frame above a sensor that still moves with the robot: no odometry's, no map's."""
     chain = draft.survey.tree.ancestors(frame)
     edges = [draft.survey.tree.edge_to(name) for name in chain[:-1]]
-    moving = [e.child for e in edges if e is not None and _leads_out(e)]
+    moves = [e.child for e in edges if e is not None and not e.is_fixed]
+    moving = [name for name in moves if not is_called(name, ODOMS)]
     if moving:
         return moving[-1]
     return [n for n in chain if not is_called(n, (*ODOMS, *WORLDS))][-1] if chain[1:] else frame
-
-
-def _leads_out(edge: Edge) -> bool:
-    """Whether a transform is the robot's motion as far as its names do not deny it."""
-    return not edge.is_fixed and not is_called(edge.child, ODOMS)

@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterator
+
 from mapmyworld.config import SensingConfig
-from mapmyworld.errors import LogError
+from mapmyworld.errors import ConfigError, LogError
 from mapmyworld.sensing import plan_base, plan_cameras, plan_checks, plan_lasers, plan_motion
 from mapmyworld.sensing.order import check_stamps, choose_order
 from mapmyworld.sensing.plan import Draft, OdometrySource, Plan
 from mapmyworld.sensing.plan_more_cameras import choose_more_cameras
-from mapmyworld.sensing.plan_topics import check_topics
 from mapmyworld.sensing.survey import Survey
+from mapmyworld.types import MessageKind
+
+_IMAGES = {MessageKind.IMAGE}
+# Setting -> kinds of topics that it may name, and what they are called.
+_ROLES = {
+    "scan_topic": ({MessageKind.LASER_SCAN, MessageKind.POINT_CLOUD}, "scans"),
+    "odometry_topic": ({MessageKind.ODOMETRY}, "odometry"),
+    "colour_topic": (_IMAGES, "images"),
+    "depth_topic": (_IMAGES, "images"),
+    "camera_info_topic": ({MessageKind.CAMERA_INFO}, "camera infos"),
+}
 
 
 def make_plan(survey: Survey, config: SensingConfig) -> Plan:
@@ -20,7 +33,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
             f"{survey.info.paths[0]}: the log holds no message that mapping can use",
             problems=list(dict.fromkeys([*survey.info.problems, *survey.losses])),
         )
-    check_topics(draft)
+    _check_topics(draft)
     base = plan_base.choose_base(draft)
     odometry = plan_motion.choose_odometry(draft, base)
     scan = plan_lasers.choose_scan(draft, base)
@@ -55,6 +68,28 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
         more_cameras=more_cameras,
     )
     return plan.with_odometry_shifted(config.odometry_offset) if config.odometry_offset else plan
+
+
+def _check_topics(draft: Draft) -> None:
+    """Raises `ConfigError` with every topic that is set and of which the log holds no message."""
+    problems = list(_absent_topics(draft))
+    if problems:
+        raise ConfigError("topics are set that the log does not have:", problems=problems)
+
+
+def _absent_topics(draft: Draft) -> Iterator[str]:
+    for name, (kinds, plural) in _ROLES.items():
+        wanted = getattr(draft.config, name)
+        known = sorted(s.topic for kind in kinds for s in draft.survey.of_kind(kind))
+        no_topic = name == "odometry_topic" and (wanted == "none" or wanted.startswith("tf"))
+        if not wanted or no_topic or wanted in known:
+            continue
+        near = difflib.get_close_matches(wanted, known, n=1, cutoff=0.5)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        yield (
+            f"sensing.{name} = {wanted!r} is not in the log; {plural}: "
+            f"{', '.join(known) or 'none'}{hint}"
+        )
 
 
 def _refuse(draft: Draft) -> None:

@@ -152,7 +152,8 @@ def _prism(
             uv = np.array(
                 [[first, bottom], [first + step, bottom], [first + step, top], [first, top]]
             )
-        parts.append(_quad(corners, uv, stretch, texture))
+        fan = [[0, 1, 2], [0, 2, 3]]
+        parts.append(Faces(corners[fan], uv[fan], np.full(2, stretch), (texture, texture)))
         run += 0.0 if len(outline) == 4 else length
     return merge_faces(parts)
 
@@ -165,11 +166,6 @@ def _sheet(outline: Array, height: float, texture: str, stretch: bool) -> Faces:
         low, high = outline.min(0), outline.max(0)
         uv = (uv - low) / (high - low)
     return Faces(corners, uv, np.full(len(fan), stretch), (texture,) * len(fan))
-
-
-def _quad(corners: Array, uv: Array, stretch: bool, texture: str) -> Faces:
-    fan = [[0, 1, 2], [0, 2, 3]]
-    return Faces(corners[fan], uv[fan], np.full(2, stretch), (texture, texture))
 
 
 def merge_faces(parts: Sequence[Faces]) -> Faces:

@@ -112,10 +112,6 @@ def _masonry(
     return picture
 
 
-def _brick(random: np.random.Generator) -> Picture:
-    return _masonry(random, 16, 6, (158, 84, 62), 0.16)
-
-
 def _tiles(random: np.random.Generator) -> Picture:
     tone = random.uniform(140, 215, 3)
     return _masonry(random, 6, 6, (int(tone[0]), int(tone[1]), int(tone[2])), 0.08)
@@ -209,7 +205,7 @@ def _leaves(random: np.random.Generator) -> Picture:
 # Kind -> painter, width and height in metres of one repeat.
 _KINDS: dict[str, tuple[Callable[[np.random.Generator], Picture], float, float]] = {
     "picture": (_picture, 1.0, 1.0),
-    "brick": (_brick, 1.5, 1.2),
+    "brick": (lambda random: _masonry(random, 16, 6, (158, 84, 62), 0.16), 1.5, 1.2),
     "tiles": (_tiles, 1.8, 1.8),
     "planks": (_planks, 2.4, 1.2),
     "wood": (_wood, 0.8, 0.8),

@@ -84,7 +84,9 @@ class Truth:
         same = np.abs(wrap_angle(poses[first, 2] - poses[second, 2])) < _LOOP_ANGLE
         kept = near & same & (times[second] - times[first] >= _LOOP_TIME)
         first, second = first[kept], second[kept]
-        clear = _in_sight(self.plan, poses[first, :2], poses[second, :2])
+        way = poses[second, :2] - poses[first, :2]
+        rays = np.column_stack([poses[first, :2], np.arctan2(way[:, 1], way[:, 0])])
+        clear = self.plan.cast(rays)[0] > np.hypot(way[:, 0], way[:, 1])
         first, second = first[clear], second[clear]
         stamps = self.start_ns + np.round(times * 1e9).astype(np.int64)
         first_from_second = planar_to_matrix(between_planar(poses[first], poses[second]))
@@ -130,12 +132,6 @@ def _spaced(poses: Array, distance: float, turn: float) -> NDArray[np.int64]:
         if np.hypot(step[0], step[1]) >= distance or abs(step[2]) >= turn:
             kept.append(index)
     return np.array(kept, np.int64)
-
-
-def _in_sight(plan: Plan, a: Array, b: Array) -> NDArray[np.bool_]:
-    way = b - a
-    ranges, _ = plan.cast(np.column_stack([a, np.arctan2(way[:, 1], way[:, 0])]))
-    return np.asarray(ranges > np.hypot(way[:, 0], way[:, 1]))
 
 
 def true_trajectory(drive: Drive, stamps_ns: NDArray[np.int64], start_ns: int) -> Trajectory:

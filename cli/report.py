@@ -97,6 +97,7 @@ def report_contents(
     solved = store.poses() or tracked_poses(nodes)
     path, fetched = _path(store, nodes), fetch_evidence(store, constraints, every_match=every_match)
     problems, grid = problems_of(store), _grid(store)
+    decisions = (store.get("plan") or {}).get("decisions", ())
     return ReportContents(
         name=Path(_name(store)).name,
         version=mapmyworld.__version__,
@@ -115,7 +116,7 @@ def report_contents(
         pictures=fetched.pictures,
         scans=fetched.scans,
         cloud=cloud_beside(store),
-        decisions=_decisions(store),
+        decisions=[(d["role"], d["choice"] or "none", d["reason"]) for d in decisions],
         notes=_notes(store, problems),
         diagnosis=_diagnosis(store),
         settings=[tuple(row) for row in store.get("settings") or ()],
@@ -195,11 +196,6 @@ def _shown_constraints(
         )
         for c, m, s in zip(constraints, residuals, tracked, strict=True)
     ]
-
-
-def _decisions(store: MapStore) -> list[tuple[str, str, str]]:
-    plan = store.get("plan") or {}
-    return [(d["role"], d["choice"] or "none", d["reason"]) for d in plan.get("decisions", ())]
 
 
 def _notes(store: MapStore, problems: Sequence[str]) -> list[str]:

@@ -164,7 +164,7 @@ def _shared(found: NodePair) -> ImageMatches:
 
 def _pictures(images: Iterable[tuple[int, ImageMessage]], count: int) -> dict[int, NodePicture]:
     """Small pictures of the nodes' images, about `count`."""
-    from formats.report.node_picture import node_picture
+    from formats.report.match_picture import node_picture
 
     width = next(width for most, width in _WIDTHS if count <= most)
 

@@ -74,7 +74,9 @@ def edges_of(tables: Tables, planar: bool, problems: list[str]) -> Edges:
     """Constraints between poses; faults are reported in `problems`."""
     tags = ("EDGE_SE2", "EDGE2", "ODOMETRY") if planar else ("EDGE_SE3:QUAT", "EDGE3")
     found = [_edges_of(tag, tables[tag], planar, problems) for tag in tags if tag in tables]
-    return _no_edges(planar).followed_by(*found)
+    ids, none = np.zeros(0, np.int64), no_priors(planar)
+    empty = Edges(ids, ids, none.map_from_node, none.information, np.zeros(0, np.bool_))
+    return empty.followed_by(*found)
 
 
 def _edges_of(tag: str, table: Table, planar: bool, problems: list[str]) -> Edges:
@@ -165,8 +167,3 @@ def priors_of(tables: Tables, planar: bool, problems: list[str]) -> Priors:
         poses = _from_quaternions(table.numbers[:, 2:9]) @ invert(offsets)
     good = _sound(problems, tag, table.lines, information)
     return Priors(table.numbers[:, 0].astype(np.int64), poses, information).chosen(good)
-
-
-def _no_edges(planar: bool) -> Edges:
-    ids, none = np.zeros(0, np.int64), no_priors(planar)
-    return Edges(ids, ids, none.map_from_node, none.information, np.zeros(0, np.bool_))

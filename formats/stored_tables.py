@@ -18,9 +18,3 @@ def stored_tables(database: sqlite3.Connection) -> frozenset[str]:
             if not database.execute(query, (name,)).fetchone()[0]:
                 found.add(str(name))
     return frozenset(found)
-
-
-def made_up(database: sqlite3.Connection) -> frozenset[str]:
-    """Names of the views and tables whose rows, or parts of them, do not stand in the file."""
-    query = "SELECT name FROM sqlite_master WHERE type IN ('table', 'view')"
-    return frozenset(str(name) for (name,) in database.execute(query)) - stored_tables(database)

@@ -79,7 +79,11 @@ def cloud_of(store: MapStore, config: Config) -> PointCloud | None:
         return None
     thinned = None
     if not any(_depth_of(data) for data in kept):
-        config = _of_sparse_points(_counting_each_point(config))
+        # Voxels half as large as the points' spacing: finer ones hold one point each, and a drive's
+        # lidar fills more of them than there is memory.
+        voxel = max(config.visual.cloud_voxel, 0.5 * config.sensing.cloud_spacing)
+        config = _counting_each_point(config)
+        config = replace(config, visual=replace(config.visual, cloud_voxel=voxel))
     if not any(data.cloud is not None for data in kept):
         poses = solved_poses(store)
         nodes = np.flatnonzero(poses.ids > 0)
@@ -102,14 +106,6 @@ def export_scan_cloud(store: MapStore, path: Path, config: Config) -> list[Path]
 def _counting_each_point(config: Config) -> Config:
     """Lidars see a voxel seldom, and are believed at once."""
     return replace(config, visual=replace(config.visual, cloud_views=1))
-
-
-def _of_sparse_points(config: Config) -> Config:
-    """Voxels half as large as the points' spacing: finer ones hold one point each, and a drive's
-    lidar fills more of them than there is memory.
-    """
-    voxel = max(config.visual.cloud_voxel, 0.5 * config.sensing.cloud_spacing)
-    return replace(config, visual=replace(config.visual, cloud_voxel=voxel))
 
 
 def _lifted(scan: Scan | None) -> NDArray[np.float32] | None:

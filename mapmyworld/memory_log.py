@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -36,9 +37,12 @@ class MemoryLog:
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         for topic, message, time in self._messages:
             if topics is None or topic in topics:
-                yield RawMessage(
-                    topic, message.kind, time, message.stamp_ns, lambda message=message: message
-                )
+                decode = partial(_itself, message)
+                yield RawMessage(topic, message.kind, time, message.stamp_ns, decode)
 
     def losses(self) -> tuple[str, ...]:
         return ()
+
+
+def _itself(message: Message) -> Message:
+    return message

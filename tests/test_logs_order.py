@@ -11,7 +11,7 @@ from log_builders import Make, write_mcap, write_ros1, write_rosbag2
 
 from formats.logs import open_log
 from formats.logs.channels import Block, Channel, Record
-from formats.logs.time_order import in_time_order
+from formats.logs.recorded_log import in_time_order
 from mapmyworld.types import TextMessage
 
 CHANNEL = Channel("/t", "", "")

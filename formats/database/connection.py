@@ -12,7 +12,7 @@ from urllib.parse import quote
 from weakref import finalize
 
 from formats.database.schema import TABLES, TRIGGERS
-from formats.stored_tables import made_up
+from formats.stored_tables import stored_tables
 from mapmyworld.errors import MapError
 
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -75,7 +75,9 @@ class Connection:
 
     def _refuse_programs(self) -> None:
         """No map has views as tables, or triggers that are not its own: a few bytes never end."""
-        if names := made_up(self._sqlite) & TABLES:
+        query = "SELECT name FROM sqlite_master WHERE type IN ('table', 'view')"
+        named = TABLES.intersection(name for (name,) in self._sqlite.execute(query))
+        if names := named - stored_tables(self._sqlite):
             raise MapError(
                 f"{self.path}: is not a map ({min(names)} is no table): give another file"
             )

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.constraint_kinds import COLOURS, REJECTED, rgb
+from formats.database.image_blobs import encode_picture
 from formats.recording_files import LogWriter
 from formats.ros_messages import Fields, header, pose_in_map, pose_of, vector
 from formats.whole_files import write_whole
@@ -171,18 +172,14 @@ def image_events(stamp_ns: int, data: NodeData, base_frame: str) -> Iterator[Eve
         if image.colour is None:
             continue
         frame = f"{base_frame}/camera{index}"
-        encoded = image.colour.encoded or _encoded(image.colour.pixels())
+        encoded = image.colour.encoded
+        if not encoded:
+            encoded = encode_picture(np.asarray(image.colour.pixels(), np.uint8), "jpeg", 90)
         picture = replace(image.colour, stamp_ns=stamp_ns, frame_id=frame, encoded=encoded)
         topic, mount = f"/map/camera{index}", image.camera.base_from_camera
         yield stamp_ns, "/tf", transform(stamp_ns, base_frame, frame, mount)
         yield stamp_ns, f"{topic}/info", image.camera.info(stamp_ns, frame)
         yield stamp_ns, f"{topic}/image", picture
-
-
-def _encoded(pixels: NDArray[np.generic]) -> bytes:
-    from formats.database.image_blobs import encode_picture
-
-    return encode_picture(np.asarray(pixels, np.uint8), "jpeg", 90)
 
 
 _TOPICS = ("/map/grid", "/map/cloud", "/map/path", "/map/graph", "/map/pose")

@@ -67,11 +67,6 @@ class Index:
                 self.counts[key] = self.counts.get(key, 0) + count
             self.blocks.append(Block(offset, length, min(times), max(times), frozenset(counts)))
 
-    def span_ns(self, channel: int) -> tuple[int, int]:
-        """First and last log time of the blocks in which a channel speaks."""
-        blocks = [block for block in self.blocks if channel in block.channels]
-        return min(block.start_ns for block in blocks), max(block.end_ns for block in blocks)
-
 
 def normalised_type(name: str) -> str:
     """ROS 1's two-part type names as ROS 2 writes them; others as they are."""

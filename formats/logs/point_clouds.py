@@ -26,7 +26,7 @@ class PointField:
 def cloud_points(
     cells: NDArray[np.void],
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
-    """Points (N, 3) without the rows that are not finite, and their RGB (N, 3) or None."""
+    """Finite points (N, 3) of a cloud's `cells` (M,), and their RGB (N, 3) or None."""
     if not {"x", "y", "z"} <= set(cells.dtype.names or ()):
         raise ValueError("a point cloud without x, y and z")
     points = np.stack([singles(cells[axis]) for axis in "xyz"], axis=-1)
@@ -44,7 +44,7 @@ def cloud_cells(
     row_step: int,
     big_endian: bool = False,
 ) -> NDArray[np.void]:
-    """One structured value a point; ValueError where the fields do not fit the data."""
+    """One structured value a point (N,); ValueError where the fields do not fit the data."""
     order = ">" if big_endian else "<"
     known = {field.name: field for field in fields if field.datatype in DATATYPES}
     layout = np.dtype(

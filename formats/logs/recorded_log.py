@@ -6,10 +6,13 @@ command reads all of a log anyway: the index is made by reading the file through
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+import heapq
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
+from operator import itemgetter
 from typing import Any
 
 from formats.bounds import LATEST_NS
@@ -18,9 +21,13 @@ from formats.logs.channels import Block, Channel, Found, Index, Record
 from formats.logs.clock_steps import ClockStep, moved_stamps, step_in
 from formats.logs.decoding import decoder_for
 from formats.logs.files import UnpackedFile, hash_files
-from formats.logs.time_order import in_time_order
 from mapmyworld.errors import LogError
 from mapmyworld.types import LogInfo, RawMessage, TopicInfo
+
+# Payloads of blocks that are open together. Beyond it, those needed last are dropped and read
+# again: a log in which every chunk holds one message of a wrong, early time opens all at once.
+_OPEN_BYTES = 1 << 28
+_TIME = itemgetter(0)
 
 
 class RecordedLog:
@@ -77,7 +84,9 @@ class RecordedLog:
     def _topic(self, key: int) -> TopicInfo:
         index = self.index()
         channel, count = index.channels[key], index.counts.get(key, 0)
-        first, last = index.span_ns(key) if count else (None, None)
+        blocks = [block for block in index.blocks if count and key in block.channels]
+        first = min((block.start_ns for block in blocks), default=None)
+        last = max((block.end_ns for block in blocks), default=None)
         kind = decoder_for(channel).kind
         return TopicInfo(
             channel.topic, channel.type_name, kind, channel.encoding, count, first, last
@@ -152,3 +161,60 @@ def _added(a: TopicInfo, b: TopicInfo) -> TopicInfo:
     lasts = [t.last_ns for t in (a, b) if t.last_ns is not None]
     first, last = min(firsts, default=None), max(lasts, default=None)
     return replace(a, count=a.count + b.count, first_ns=first, last_ns=last)
+
+
+class _Open:
+    """A block that is being handed out; `records` is None while it is dropped."""
+
+    __slots__ = ("block", "records", "size")
+
+    def __init__(self, block: Block, records: list[Record]) -> None:
+        self.block = block
+        self.records: list[Record] | None = records
+        self.size = sum(len(record[2]) for record in records)
+
+
+_Entry = tuple[int, int, int, _Open]
+"""Time of the next record, offset of the block, number of that record, the block."""
+
+
+def in_time_order(
+    blocks: Collection[Block],
+    read: Callable[[Block], list[Record]],
+    open_bytes: int = _OPEN_BYTES,
+) -> Iterator[Record]:
+    """Records by log time; equal times in the order of the file.
+
+    A block is handed out when the time has come at which it starts, and dropped when it is used up,
+    so that only overlapping blocks are in memory together, of those at most `open_bytes` and one.
+    """
+    pending = deque(sorted(blocks, key=lambda block: (block.start_ns, block.offset)))
+    heap: list[_Entry] = []
+    while pending or heap:
+        while pending and (not heap or pending[0].start_ns <= heap[0][0]):
+            block = pending.popleft()
+            records = sorted(read(block), key=_TIME)
+            if records:
+                heapq.heappush(heap, (records[0][0], block.offset, 0, _Open(block, records)))
+                _drop_the_last(heap, open_bytes)
+        if not heap:
+            continue
+        _, offset, number, opened = heapq.heappop(heap)
+        if opened.records is None:
+            opened.records = sorted(read(opened.block), key=_TIME)
+            _drop_the_last(heap, open_bytes - opened.size)
+        yield opened.records[number]
+        if number + 1 < len(opened.records):
+            after = opened.records[number + 1][0]
+            heapq.heappush(heap, (after, offset, number + 1, opened))
+
+
+def _drop_the_last(heap: list[_Entry], open_bytes: int) -> None:
+    """Where open blocks exceed the limit, keeps those needed soonest, up to half of it."""
+    if len(heap) < 2 or sum(e[3].size for e in heap if e[3].records is not None) <= open_bytes:
+        return
+    kept = 0
+    for entry in sorted(heap, key=lambda entry: entry[:2]):
+        kept += entry[3].size
+        if kept > open_bytes // 2:
+            entry[3].records = None

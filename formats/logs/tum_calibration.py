@@ -29,7 +29,9 @@ def calibration_of(folder: Path) -> tuple[tuple[float, ...], str]:
     """
     for name in ("camera.txt", "calibration.txt"):
         if (folder / name).is_file():
-            return _plain_numbers(folder / name), name
+            text = (folder / name).read_text("utf-8", "replace")
+            plain = "\n".join(line.split("#")[0] for line in text.splitlines())
+            return _checked(folder / name, list(map(float, re.findall(_NUMBER, plain)))), name
     for name in ("calibration.yaml", "camera.yaml"):
         if (folder / name).is_file():
             return _yaml_numbers(folder / name), name
@@ -38,11 +40,6 @@ def calibration_of(folder: Path) -> tuple[tuple[float, ...], str]:
         if re.search(rf"{robot}|(?:^|[^a-z]){short}(?:[^0-9]|$)", folder.resolve().name.lower()):
             return numbers, f"published for {robot}"
     return _DEFAULT, ASSUMED
-
-
-def _plain_numbers(path: Path) -> tuple[float, ...]:
-    lines = [line.split("#")[0] for line in path.read_text("utf-8", "replace").splitlines()]
-    return _checked(path, [float(word) for line in lines for word in re.findall(_NUMBER, line)])
 
 
 def _yaml_numbers(path: Path) -> tuple[float, ...]:

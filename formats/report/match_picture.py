@@ -1,4 +1,4 @@
-"""Pictures of what the eyes of the map saw: features, and matches of a pair."""
+"""Pictures of what the eyes of the map saw: images for a page, features, matches of a pair."""
 
 from __future__ import annotations
 
@@ -7,16 +7,42 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.picture_files import encoded_file
+from formats.report.contents import NodePicture
 from formats.report.map_axes import WIDTH, caption, draw_lines, figure_file
-from mapmyworld.types import Features
+from mapmyworld.types import Features, ImageMessage
 
 Picture = NDArray[np.uint8]
 _DEEP, _SHALLOW = "#ffc800", "#969696"  # features with depth and without
 _AGREED, _OUTLIER = "#00c850", "#e63c32"
+_QUALITY = 70  # of the JPEG of a node's image
 _GAP = 8  # pixels between two pictures side by side
+
+
+def node_picture(image: ImageMessage, width: int) -> NodePicture:
+    """A node's image, at most `width` pixels across, as JPEG: pages are mailed."""
+    pixels = _decoded(image, width)
+    full = image.width or pixels.shape[1]
+    height = max(1, round(pixels.shape[0] * width / pixels.shape[1]))
+    if pixels.shape[1] > width:
+        pixels = np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA))
+    data = encoded_file(".jpg", pixels, cv2.IMWRITE_JPEG_QUALITY, _QUALITY)
+    return NodePicture(data, pixels.shape[1], pixels.shape[0], pixels.shape[1] / full)
+
+
+def _decoded(image: ImageMessage, width: int) -> np.ndarray:
+    """Blue first, as OpenCV writes it; a JPEG of twice the width or more is decoded at half."""
+    if image.encoded is not None and image.width >= 2 * width:
+        data = np.frombuffer(image.encoded, np.uint8)
+        half = cv2.imdecode(data, cv2.IMREAD_REDUCED_COLOR_2)
+        if half is not None:
+            return np.asarray(half)
+    pixels = np.asarray(image.pixels(), np.uint8)
+    return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[:, :, ::-1])
 
 
 def write_features_picture(path: Path, picture: Picture, features: Features | None) -> None:

@@ -42,7 +42,8 @@ def _constraints(contents: ReportContents) -> dict[str, Any]:
     for c in contents.constraints:
         # How each step of the path was matched would be the bulk of the page.
         reason = "" if c.kind == ConstraintKind.NEIGHBOUR and c.accepted else c.reason
-        residual = [_short(v) for v in c.residual] if c.residual else [None] * 3
+        given = c.residual or (np.nan,) * 3
+        residual = [float(f"{v:.4g}") if np.isfinite(v) else None for v in given]
         rows.append(
             [
                 c.from_id,
@@ -54,10 +55,6 @@ def _constraints(contents: ReportContents) -> dict[str, Any]:
             ]
         )
     return {"kinds": kinds, "reasons": list(reasons), "constraints": rows}
-
-
-def _short(value: float) -> float | None:
-    return float(f"{value:.4g}") if np.isfinite(value) else None
 
 
 def _rounded(values: NDArray[np.float64], digits: int) -> Any:

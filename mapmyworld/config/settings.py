@@ -42,7 +42,7 @@ def list_settings(config: Config | None = None) -> tuple[Setting, ...]:
 def _walk(section: Any, prefix: str) -> list[Setting]:
     found: list[Setting] = []
     kind: Any = type(section)
-    comments, hints = _comments(kind), _hints(kind)
+    comments, hints = _described(kind)
     for item in fields(section):
         value = getattr(section, item.name)
         if is_dataclass(value):
@@ -58,14 +58,10 @@ def _walk(section: Any, prefix: str) -> list[Setting]:
 
 
 @functools.cache
-def _hints(section: type) -> dict[str, Any]:
-    return get_type_hints(section, include_extras=True)
-
-
-@functools.cache
-def _comments(section: type) -> dict[str, str]:
-    """Field name -> the comment behind it in the source."""
-    return dict(re.findall(r"^    (\w+): .*?  # (.*)$", inspect.getsource(section), re.MULTILINE))
+def _described(section: type) -> tuple[dict[str, str], dict[str, Any]]:
+    """Field name -> the comment behind it in the source, and its type."""
+    found = re.findall(r"^    (\w+): .*?  # (.*)$", inspect.getsource(section), re.MULTILINE)
+    return dict(found), get_type_hints(section, include_extras=True)
 
 
 def apply_settings(config: Config, changes: Mapping[str, Any]) -> Config:

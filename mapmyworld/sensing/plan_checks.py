@@ -34,7 +34,7 @@ def choose_clock(draft: Draft, streams: list[Stream]) -> bool:
             draft.decide("clock", "log time", "the messages carry no header stamps")
             draft.losses.append("no header stamps: log time is used, which jitters")
         return True
-    latencies = {s.topic: s.latency_s for s in stamped}
+    latencies = {s.topic: 1e-9 * float(np.median(s.offsets_ns or [0])) for s in stamped}
     spread = max(latencies.values()) - min(latencies.values())
     if len(stamped) < len(streams):
         silent = ", ".join(s.topic for s in streams if s not in stamped)

@@ -8,8 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-import numpy as np
-
 from mapmyworld.errors import LogError
 from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
 from mapmyworld.sensing.slopes import Forces
@@ -106,11 +104,6 @@ class Stream:
     def first(self, kind: type[Wanted]) -> Wanted | None:
         """The first of the decoded messages that is of a type; None without any."""
         return next((message for message in self.samples if isinstance(message, kind)), None)
-
-    @property
-    def latency_s(self) -> float:
-        """Median of log time minus header stamp."""
-        return float(np.median(self.offsets_ns)) * 1e-9 if len(self.offsets_ns) else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -104,7 +104,10 @@ class _Synchroniser:
         taken = [c.add(pending, with_colour=not is_main) for c in self.cameras]
         if not (is_main or any(taken)):
             self._add_other(pending)
-        self._forget_strays(raw.log_time_ns)
+        # Images that no frame has asked for in time: the scans may have stopped for good.
+        first_ns = self.main[0].raw.log_time_ns if self.main else raw.log_time_ns
+        for camera in self.cameras:
+            camera.forget_strays(first_ns - _KEPT_NS)
 
     def _add_other(self, pending: Pending) -> None:
         """Takes an inertial sample, a true pose or a fix; one that is damaged is counted."""
@@ -120,12 +123,6 @@ class _Synchroniser:
                 self.fix = message
         elif isinstance(message, ImuMessage) and self.plan.imu is not None:
             self._add_imu(message, pending.stamp_ns, self.plan.imu.base_from_imu[:3, :3])
-
-    def _forget_strays(self, now_ns: int) -> None:
-        """Images that no frame has asked for in time: the scans may have stopped for good."""
-        before_ns = (self.main[0].raw.log_time_ns if self.main else now_ns) - _KEPT_NS
-        for camera in self.cameras:
-            camera.forget_strays(before_ns)
 
     def ready(self, before_log_ns: int | None) -> Iterator[Frame]:
         """Frames whose other messages must have come by now; all when the log has ended."""

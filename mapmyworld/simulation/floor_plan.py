@@ -52,11 +52,6 @@ class Plan:
         )
         return ranges, hits
 
-    def without_glass(self) -> Plan:
-        """The same with glass taken away."""
-        kept = ~self.glass
-        return plan_of_segments(self.segments[kept], self.glass[kept])
-
 
 def plan_at(scene: Scene, height: float) -> Plan:
     """The plan of a scene at the laser's height above the floor."""

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapmyworld.errors import WorldError
-from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.parallel import in_threads
 from mapmyworld.simulation import robot
 from mapmyworld.simulation.clocks import Schedule, make_schedule, random_of
 from mapmyworld.simulation.driver import Drive, drive_route
-from mapmyworld.simulation.floor_plan import Plan, plan_at
+from mapmyworld.simulation.floor_plan import Plan, plan_at, plan_of_segments
 from mapmyworld.simulation.message_streams import (
     Messages,
     Stream,
@@ -25,11 +25,11 @@ from mapmyworld.simulation.message_streams import (
 from mapmyworld.simulation.robot_settings import SimulationSettings
 from mapmyworld.simulation.route import read_route
 from mapmyworld.simulation.simulated_laser import Laser
-from mapmyworld.simulation.truth import Truth, true_trajectory
+from mapmyworld.simulation.truth import Truth
 from mapmyworld.simulation.wheel_odometry import disturb_wheels, integrate_wheels, wheel_travel
 from mapmyworld.simulation.world import Scene, World, build_scene
 from mapmyworld.simulation.worlds import find_world
-from mapmyworld.types import Message
+from mapmyworld.types import Message, Trajectory
 
 _THREADS = 2  # that make messages ahead of the recorder
 _CLEARANCE_EVERY = 20  # ticks between checks that nothing is in the way
@@ -56,18 +56,14 @@ class Recording:
             if topics is None or topic in topics:
                 yield topic, message, self.truth.start_ns
         streams = [s for s in self.streams if topics is None or set(s.topics) & set(topics)]
-        for stream, index, made in in_threads(_made, _in_order(streams), _THREADS):
+        times = [stream.schedule.log_times_ns.tolist() for stream in streams]
+        moments = sorted((t, i, k) for i, of in enumerate(times) for k, t in enumerate(of))
+        in_order = [(streams[i], k) for _, i, k in moments]
+        for stream, index, made in in_threads(_made, in_order, _THREADS):
             log_time_ns = int(stream.schedule.log_times_ns[index])
             for topic, message in made:
                 if topics is None or topic in topics:
                     yield topic, message, log_time_ns
-
-
-def _in_order(streams: list[Stream]) -> list[tuple[Stream, int]]:
-    """Every moment of every stream, as the recorder gets them."""
-    times = [stream.schedule.log_times_ns.tolist() for stream in streams]
-    moments = sorted((t, i, k) for i, of in enumerate(times) for k, t in enumerate(of))
-    return [(streams[i], k) for _, i, k in moments]
 
 
 def _made(item: tuple[Stream, int]) -> tuple[Stream, int, Messages]:
@@ -98,8 +94,9 @@ def simulate(
     _check_clearance(drive, plan, settings)
     start_ns = round(settings.clock.start * 1e9)
     streams = _streams(scene, plan, drive, settings, seed)
-    stamps = np.concatenate([s.schedule.stamps_ns for s in streams])
-    trajectory = true_trajectory(drive, stamps, start_ns)
+    stamps = np.unique(np.concatenate([s.schedule.stamps_ns for s in streams]))
+    poses = planar_to_matrix(drive.at((stamps - start_ns) * 1e-9))
+    trajectory = Trajectory(stamps, poses)
     truth = Truth(trajectory, drive, plan, scene, settings, start_ns)
     return Recording(streams, static_messages(settings, start_ns), truth)
 
@@ -140,7 +137,8 @@ def _streams(
         streams.append(imu_stream(drive, schedule("imu", s.imu.rate, s.imu.latency), s, seed))
     if s.laser.enabled:
         mount = matrix_to_planar(robot.base_from_laser(s))
-        laser = Laser(s.laser, mount, plan, plan.without_glass())
+        solid = plan_of_segments(plan.segments[~plan.glass], plan.glass[~plan.glass])
+        laser = Laser(s.laser, mount, plan, solid)
         sweep_s = s.laser.field_of_view / 360.0 / s.laser.rate
         moments = schedule("laser", s.laser.rate, s.laser.latency + sweep_s, sweep_s)
         streams.append(laser_stream(laser, drive, moments, seed))

@@ -132,9 +132,3 @@ def _spaced(poses: Array, distance: float, turn: float) -> NDArray[np.int64]:
         if np.hypot(step[0], step[1]) >= distance or abs(step[2]) >= turn:
             kept.append(index)
     return np.array(kept, np.int64)
-
-
-def true_trajectory(drive: Drive, stamps_ns: NDArray[np.int64], start_ns: int) -> Trajectory:
-    """Poses at the stamps (N,), each once, in order."""
-    stamps = np.unique(stamps_ns)
-    return Trajectory(stamps, planar_to_matrix(drive.at((stamps - start_ns) * 1e-9)))

@@ -72,7 +72,10 @@ def integrate_wheels(
     x = np.concatenate([[0.0], np.cumsum(forward * np.cos(middle))])
     y = np.concatenate([[0.0], np.cumsum(forward * np.sin(middle))])
     spans = np.maximum(np.diff(times), 1e-6)
-    variances = _step_variances(steps, spans, settings)
+    # m^2 of each wheel's step (N, 2): random errors, and slips by their rate.
+    slips = settings.slip_rate * spans[:, None] * settings.slip_size**2
+    random = settings.noise**2 * np.abs(steps)
+    variances = np.where(np.abs(steps) > _STILL, random + slips, 0.0)
     speeds = np.stack([forward, turned], axis=1) / spans[:, None]
     mixing = np.array([[0.5, 0.5], [-1.0 / track, 1.0 / track]])
     measured = np.einsum("ik,nk,jk->nij", mixing, variances, mixing) / spans[:, None, None] ** 2
@@ -83,13 +86,6 @@ def integrate_wheels(
         twist_covariances=np.concatenate([measured[:1], measured]) + _FLOOR * np.eye(2),
         wheels=travel / body.wheel_radius,
     )
-
-
-def _step_variances(steps: Array, spans: Array, settings: OdometrySettings) -> Array:
-    """(N, 2) m^2 of each wheel's step: random errors, and slips by their rate."""
-    slips = settings.slip_rate * spans[:, None] * settings.slip_size**2
-    moving = np.abs(steps) > _STILL
-    return np.where(moving, settings.noise**2 * np.abs(steps) + slips, 0.0)
 
 
 def _pose_covariances(

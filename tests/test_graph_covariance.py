@@ -25,8 +25,8 @@ from mapmyworld.backend.system import (
     System,
     believed_edges,
     chosen_edges,
+    fit_of,
     number_free,
-    residuals_of,
 )
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry.planar import (
@@ -105,7 +105,7 @@ def test_derivatives_of_edges_are_those_of_the_logarithm(planar: bool) -> None:
     """`log(m^-1 t^-1 h)` changes with h by the inverse of its right Jacobian."""
     system, poses = random_system(planar, 12, 10, 5)
     between, adjoint = (between_planar, planar_adjoint) if planar else (rigid, se3_adjoint)
-    size, residuals = system.dimension, residuals_of(system, poses)
+    size, residuals = system.dimension, fit_of(system, poses).residuals
     for k in np.flatnonzero((system.tails > 0) & (system.heads > 0)).tolist():
         tail, head = poses[system.tails[[k]]], poses[system.heads[[k]]]
         by_head = np.linalg.inv(right_jacobian(planar, residuals[k]))
@@ -135,7 +135,7 @@ def test_groups_of_edges_vary_together_as_the_dense_inverse_says(planar, count, 
         assert np.allclose(one.covariance, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
         if (system.heads[group] > 0).all():  # the residual of an edge into a held node is turned
             roots = np.linalg.cholesky(system.information[group])
-            missed = np.einsum("eji,ej->ei", roots, residuals_of(system, poses)[group])
+            missed = np.einsum("eji,ej->ei", roots, fit_of(system, poses).residuals[group])
             assert np.allclose(one.residuals, missed.ravel())
 
 

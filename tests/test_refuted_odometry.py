@@ -24,8 +24,9 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.graph.chains import solve_by_chains
 from mapmyworld.graph.solved_graph import SolvedGraph
 from mapmyworld.odometry.pose_hypotheses import FAULT_SIZE
+from mapmyworld.places.confirmed_odometry import confirmed_odometry
 from mapmyworld.places.laser_nodes import LaserNodes, laser_nodes
-from mapmyworld.places.refuted_odometry import confirmed_odometry, refuted_odometry
+from mapmyworld.places.refuted_odometry import refuted_odometry
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.types import ConstraintKind, Judged, LaserTracking, Message, Node, Why
 from mapmyworld.types.wording import reason_of
@@ -155,6 +156,7 @@ def test_odometry_stays_in_doubt_only_where_a_loop_needs_a_fault(
         assert "no longer in doubt" in reason_of(judged[10])
     else:
         assert judged == [*motions, *tied]
+    assert confirmed_odometry(motions, solve) == motions  # nothing checks it
 
 
 def test_sound_odometry_is_kept_whatever_did_not_fit() -> None:

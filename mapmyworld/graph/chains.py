@@ -24,7 +24,7 @@ from mapmyworld.parallel import batches
 from mapmyworld.types import Constraint, Judge, Judged, Node, Poses
 
 _BLOCK = 4096  # motions that are worked on together, however long the log is
-_LONGEST = 16  # nodes of a chain, so that what is shared out along it is little
+_LONGEST = 16  # nodes of a chain, so that its linearisation errs little
 
 
 def solve_by_chains(

@@ -7,7 +7,7 @@ shows it is that the place afterwards lies in what was seen before, but at anoth
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -24,7 +24,6 @@ from mapmyworld.geometry.planar import (
     planar_adjoint,
     planar_to_matrix,
 )
-from mapmyworld.graph.solved_graph import SolvedGraph
 from mapmyworld.odometry.pose_hypotheses import FAULT, FAULT_SIZE
 from mapmyworld.odometry.tracking_losses import UNKNOWN
 from mapmyworld.parallel import in_threads
@@ -47,7 +46,6 @@ from mapmyworld.registration.scan_search import (
     search_about,
 )
 from mapmyworld.types import (
-    CLOSURES,
     RELOCALISED,
     ConstraintKind,
     Judge,
@@ -58,7 +56,8 @@ from mapmyworld.types import (
     Why,
 )
 
-_FAULT = -float(np.log(FAULT))  # nats against one
+FAULT_ODDS = -float(np.log(FAULT))
+"""Nats against a fault."""
 _WINDOW = 3.0, 2.0  # m and rad to each side in which it is looked for
 
 
@@ -100,7 +99,7 @@ def refuted_odometry(
         first = section.motions[0]
         refuted[first.to_id] = found.verdict
         if found.verdict.why is Why.DOUBTED:
-            anew.append(_doubted(first))
+            anew.append(in_doubt(first, True))
             continue
         if found.match is None:
             start = section.last
@@ -118,34 +117,6 @@ def refuted_odometry(
         for c in constraints
     ]
     return [*judged, *anew]
-
-
-def confirmed_odometry(
-    constraints: Sequence[Judged], solve: Callable[[Sequence[Judged]], SolvedGraph]
-) -> list[Judged]:
-    """The constraints; motions in doubt are as certain as measured again where closures allow it.
-
-    A fault explains whatever a loop is off by, and so does drift. A mixture of both, as in Olson
-    and Agarwal, "Inference on networks of mixtures" (2013), of which the likelier one is taken: the
-    fault, where it lets a closure in, or lowers what `solve` leaves by more than it is improbable.
-    """
-    doubted = [row for row, c in enumerate(constraints) if c.accepted and c.is_doubted]
-    if not doubted:
-        return list(constraints)
-    confirmed, anew = set[int](), list[Judged]()
-    best = solve(constraints)
-    for row in doubted:
-        rows, motions = confirmed | {row}, [*anew, _no_longer_doubted(constraints[row])]
-        found = solve([*(c for k, c in enumerate(constraints) if k not in rows), *motions])
-        if found.cost - best.cost < _FAULT and _closures_in(found) >= _closures_in(best):
-            confirmed, anew, best = rows, motions, found
-    verdict = Verdict(Judge.GRAPH, False, Why.CONFIRMED)
-    judged = (c.judged(verdict) if k in confirmed else c for k, c in enumerate(constraints))
-    return [*judged, *anew]
-
-
-def _closures_in(solved: SolvedGraph) -> int:
-    return sum(c.accepted for c in solved.constraints if c.kind in CLOSURES)
 
 
 def is_unsupported(c: Judged) -> bool:
@@ -192,7 +163,7 @@ def _refutation(
     if not tried:
         return None
     best = tried[0]
-    if best.log_odds <= max(there.log_odds, 0.0) + _FAULT + NATS * needed_evidence(*_WINDOW):
+    if best.log_odds <= max(there.log_odds, 0.0) + FAULT_ODDS + NATS * needed_evidence(*_WINDOW):
         likelier = [one for one in tried if one.log_odds_over(there) >= NATS * MARGIN]
         return Refuted(likelier[0].verdict(Why.DOUBTED, odometry)) if likelier else None
     verdict = best.verdict(Why.REFUTED, odometry)
@@ -278,22 +249,12 @@ def _relocalised(c: Judged, match: Match, onward: Array) -> Judged:
     return _measured_anew(c, motion, covariance, source)
 
 
-def _doubted(c: Judged) -> Judged:
-    """The same motion, which may be a fault."""
+def in_doubt(c: Judged, doubted: bool) -> Judged:
+    """The same motion, which may be a fault; or no more, where it was in doubt."""
     assert isinstance(c.source, LaserTracking)
-    covariance = np.linalg.inv(information_to_planar(c.information)) + np.diag(
-        np.square(FAULT_SIZE)
-    )
-    return _measured_anew(c, c.i_from_j, covariance, replace(c.source, doubted=True))
-
-
-def _no_longer_doubted(c: Judged) -> Judged:
-    """The same motion, which is no fault."""
-    assert isinstance(c.source, LaserTracking)
-    covariance = np.linalg.inv(information_to_planar(c.information)) - np.diag(
-        np.square(FAULT_SIZE)
-    )
-    return _measured_anew(c, c.i_from_j, covariance, replace(c.source, doubted=False))
+    measured, fault = np.linalg.inv(information_to_planar(c.information)), np.square(FAULT_SIZE)
+    covariance = measured + np.diag(fault if doubted else -fault)
+    return _measured_anew(c, c.i_from_j, covariance, replace(c.source, doubted=doubted))
 
 
 def _measured_anew(c: Judged, motion: Array, covariance: Array, source: Source) -> Judged:

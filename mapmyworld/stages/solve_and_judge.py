@@ -70,7 +70,7 @@ def _confirm_odometry(store: MapStore, config: Config) -> None:
     """Motions in doubt that closures do not need to be faults are certain again."""
     constraints = store.constraints()
     if any(c.is_doubted for c in constraints):
-        from mapmyworld.places.refuted_odometry import confirmed_odometry
+        from mapmyworld.places.confirmed_odometry import confirmed_odometry
 
         edits = _edits(store)
         store.judge(

@@ -73,12 +73,11 @@ def _confirm_odometry(store: MapStore, config: Config) -> None:
         from mapmyworld.places.confirmed_odometry import confirmed_odometry
 
         edits = _edits(store)
-        store.judge(
-            confirmed_odometry(
-                constraints,
-                lambda some: solve_draft_of(store, config, apply_edits(some, edits)),
-            )
+        judged = confirmed_odometry(
+            constraints, lambda some: solve_draft_of(store, config, apply_edits(some, edits))
         )
+        decided_on("verdict", (c for c in judged if c.is_superseded))
+        store.judge(judged)
 
 
 def note_solution(

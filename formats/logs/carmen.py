@@ -67,7 +67,7 @@ class CarmenLog(ListedLog):
     encoding = "carmen"
     type_names: ClassVar = {topic: name for topic, (_, name) in KINDS.items()}
 
-    def _read(self) -> Iterator[RawMessage]:
+    def _read(self) -> Callable[[], Iterator[RawMessage]]:
         lines = list(self._lines())
         survey = survey_lines(lines)
         stamped = [line for line in lines if line[0] != b"PARAM"]
@@ -81,6 +81,9 @@ class CarmenLog(ListedLog):
         kinds = ", ".join(f"{kind} {count}" for kind, count in counts)
         self.details += [("lines", kinds), *_laser_details(survey)]
         self.doubts |= survey.doubts
+        return partial(self._messages, survey, stamped)
+
+    def _messages(self, survey: Survey, stamped: list[Line]) -> Iterator[RawMessage]:
         if survey.base_from_laser:
             yield _mountings(survey, *stamped[0][2:])
         for kind, line, stamp_ns, log_time_ns in stamped:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import ClassVar
 
@@ -24,10 +24,10 @@ class ListedLog:
         self.details: list[tuple[str, str]] = []
         self.doubts: dict[str, str] = {}
         """Topic -> what is doubtful of it, though every line is sound."""
-        self._listed = sorted(self._read(), key=lambda raw: raw.log_time_ns)
+        self._listed = self._read()
 
-    def _read(self) -> Iterable[RawMessage]:
-        """All messages, ties in their order."""
+    def _read(self) -> Callable[[], Iterator[RawMessage]]:
+        """What gives all messages by log time, each time it is called."""
         raise NotImplementedError
 
     def _files(self) -> list[Path]:
@@ -38,7 +38,7 @@ class ListedLog:
             (str(self.path),),
             self.container,
             sum(path.stat().st_size for path in self._files() if path.is_file()),
-            topics_of(self._listed, lambda raw: self.type_names[raw.topic], self.encoding),
+            topics_of(self._listed(), lambda raw: self.type_names[raw.topic], self.encoding),
             tuple(self.details),
             tuple(self.problems),
             tuple(sorted(self.doubts.items())),
@@ -51,4 +51,4 @@ class ListedLog:
         return tuple(self.problems)
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        return (raw for raw in self._listed if topics is None or raw.topic in topics)
+        return (raw for raw in self._listed() if topics is None or raw.topic in topics)

@@ -60,7 +60,7 @@ class TumRgbdLog(ListedLog):
     encoding = "files"
     type_names: ClassVar = {topic: name for topic, (_, name) in _TOPICS.items()}
 
-    def _read(self) -> Iterator[RawMessage]:
+    def _read(self) -> Callable[[], Iterator[RawMessage]]:
         lists = {
             COLOUR: self._entries("rgb.txt", 1),
             DEPTH: self._entries("depth.txt", 1),
@@ -86,10 +86,13 @@ class TumRgbdLog(ListedLog):
             DEPTH: self._depth,
         }
         lists[INFO] = pictures
-        for topic, (kind, _) in _TOPICS.items():
-            for entry in lists[topic]:
-                decode = partial(decoders[topic], entry)
-                yield RawMessage(topic, kind, entry.stamp_ns, entry.stamp_ns, decode)
+        every = [
+            RawMessage(topic, kind, entry.stamp_ns, entry.stamp_ns, partial(decoders[topic], entry))
+            for topic, (kind, _) in _TOPICS.items()
+            for entry in lists[topic]
+        ]
+        every.sort(key=lambda raw: raw.log_time_ns)
+        return partial(iter, every)
 
     def content_hash(self) -> str:
         names = "\n".join(str(path.relative_to(self.path)) for path in self._files())

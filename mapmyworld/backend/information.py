@@ -137,6 +137,14 @@ class Information:
     variables: Variables
     factorised: Factorised
 
+    @staticmethod
+    def of(graph: FactorGraph) -> Information:
+        """At the graph's values; raises `NotPositiveDefiniteError`."""
+        variables = Variables.of(graph.values)
+        order = variables.elimination(graph.factors)
+        normal = normal_matrix(_whitened(graph, variables), order)
+        return Information(graph.values, variables, Factorised.of(normal, order))
+
     def marginals(self, keys: Index) -> list[Array]:
         """The covariance (d, d) of each of these variables (K,)."""
         unknowns = self.variables.unknowns(keys)
@@ -153,13 +161,9 @@ def information_of(system: System, poses: Array) -> Information:
 
     Raises `NotPositiveDefiniteError` where the edges leave a node undetermined.
     """
-    values, variables, order, normal = _normal_equations(factor_graph(system, poses))
-    return Information(values, variables, Factorised.of(normal, order))
+    return Information.of(factor_graph(system, poses))
 
 
-def _normal_equations(graph: FactorGraph) -> tuple[Any, Variables, Index, csc_array]:
-    """A graph's values, and `J' J` in METIS's order there: factors are not kept beside it."""
-    variables = Variables.of(graph.values)
-    order = variables.elimination(graph.factors)
-    jacobian, _ = variables.jacobian(graph.factors.linearize(graph.values))
-    return graph.values, variables, order, normal_matrix(jacobian, order)
+def _whitened(graph: FactorGraph, variables: Variables) -> csr_array:
+    """The whitened derivatives (R, n) at a graph's values; gtsam's own ones are not kept."""
+    return variables.jacobian(graph.factors.linearize(graph.values))[0]

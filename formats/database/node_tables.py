@@ -115,16 +115,13 @@ class NodeTables(Transactions):
             return nodes_as_frames(self.nodes())
         odometry = self._read("tracked odom_from_base", "f", (-1, 4, 4))
         self._check_lengths("tracked frames", stamps, node_ids, motions, is_node, odometry)
-        self._check_nodes("tracked frames", node_ids)
-        return TrackedFrames(stamps, node_ids, motions, is_node.astype(np.bool_), odometry)
-
-    def _check_nodes(self, what: str, node_ids: NDArray[np.int64]) -> None:
-        """Raises `MapError` unless all of them (N,) are nodes of the map."""
         unknown = np.setdiff1d(node_ids, [node.id for node in self.nodes()])
         if len(unknown):
             raise MapError(
-                f"{self.path}: {what}: a damaged array (of node {unknown[0]}, which is none)"
+                f"{self.path}: tracked frames: a damaged array (of node {unknown[0]}, which is "
+                "none)"
             )
+        return TrackedFrames(stamps, node_ids, motions, is_node.astype(np.bool_), odometry)
 
     def _restore_session(self) -> None:
         """Takes up where the file stands: the last node of each session, the log's clock."""

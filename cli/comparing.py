@@ -97,7 +97,7 @@ def figures_of(
         figures["apart_m"] = laid.rmse
     if candidate.grid is not None:
         grid = candidate.grid
-        figures |= grid_sharpness(grid).as_dict()
+        figures |= grid_sharpness(grid)
         figures |= {"free_m2": grid.area_m2(0), "occupied_m2": grid.area_m2(100)}
     wanted = ("cpu_s", "wall_s", "peak_memory_mb")
     figures |= {key: candidate.summary[key] for key in wanted if key in candidate.summary}

@@ -88,7 +88,7 @@ def map_facts(store: MapStore) -> dict[str, Any]:
 def _grid_facts(grid: OccupancyGrid) -> dict[str, Any]:
     from mapmyworld.evaluation.sharpness import grid_sharpness
 
-    cells, found = grid.trinary(), grid_sharpness(grid).as_dict()
+    cells, found = grid.trinary(), grid_sharpness(grid)
     return {
         "resolution_m": grid.resolution,
         "width": int(cells.shape[1]),

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from mapmyworld.types import OccupancyGrid
 
 
-def grid_sharpness(grid: OccupancyGrid) -> dict[str, float | None]:
-    """Figures of one grid; comparable between grids of one log at one resolution.
+@dataclass(frozen=True, slots=True)
+class Sharpness:
+    """Figures of one grid; comparable between grids of one log at one resolution."""
 
-    `entropy_bits`, the mean of the observed cells: 0 when all are certain, 1 when nothing is known;
-    None where none was observed. `wall_thickness_m`, the mean of what is occupied; None where
-    nothing is. Doubled and blurred walls raise both.
-    """
+    entropy_bits: float | None
+    """Mean entropy of the observed cells: 0 when all are certain, 1 when nothing is known; None
+    where none was observed."""
+    wall_thickness_m: float | None
+    """Mean thickness of what is occupied; None where nothing is."""
+
+
+def grid_sharpness(grid: OccupancyGrid) -> Sharpness:
+    """Entropy and wall thickness; doubled and blurred walls raise both."""
     p = grid.probabilities()[np.isfinite(grid.log_odds)].astype(np.float64)
     p = np.clip(p, 1e-12, 1.0 - 1e-12)
     entropies, cells = -p * np.log2(p) - (1.0 - p) * np.log2(1.0 - p), _thickness(grid)
-    return {
-        "entropy_bits": float(entropies.mean()) if len(p) else None,
-        "wall_thickness_m": None if cells is None else float(cells * grid.resolution),
-    }
+    return Sharpness(
+        entropy_bits=float(entropies.mean()) if len(p) else None,
+        wall_thickness_m=None if cells is None else float(cells * grid.resolution),
+    )
 
 
 def _thickness(grid: OccupancyGrid) -> float | None:

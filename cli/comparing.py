@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +97,7 @@ def figures_of(
         figures["apart_m"] = laid.rmse
     if candidate.grid is not None:
         grid = candidate.grid
-        figures |= grid_sharpness(grid).as_dict()
+        figures |= asdict(grid_sharpness(grid))
         figures |= {"free_m2": grid.area_m2(0), "occupied_m2": grid.area_m2(100)}
     wanted = ("cpu_s", "wall_s", "peak_memory_mb")
     figures |= {key: candidate.summary[key] for key in wanted if key in candidate.summary}

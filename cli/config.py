@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
 import click
 
-from cli.arguments import PATH, format_option
+from cli.arguments import PATH, F, format_option
 from cli.completion import settings_from
 from cli.standard_streams import show_result
 from formats.limits import Limits, set_limits
@@ -17,8 +17,6 @@ from formats.nested_text import read_toml
 from mapmyworld.config import Config
 from mapmyworld.config.settings import Setting, apply_settings, as_toml, flatten, list_settings
 from mapmyworld.errors import ConfigError
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 
 def config_options(command: F) -> F:

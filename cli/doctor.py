@@ -47,8 +47,10 @@ class Finding:
 @format_option
 def doctor() -> None:
     """Say whether this machine is ready: versions, optional libraries, threads, cache."""
+    system = f"{platform.python_version()} on {platform.platform()}"
+    python = Finding("python", (3, 11) <= sys.version_info[:2] < (3, 15), True, system)
     threads = Finding("threads", True, False, f"{os.cpu_count()} cores")
-    findings = [_python(), *map(_library, [*_NEEDED, *_OPTIONAL]), threads, _cache()]
+    findings = [python, *map(_library, [*_NEEDED, *_OPTIONAL]), threads, _cache()]
     lines = [f"mapmyworld {mapmyworld.__version__}"]
     for finding in findings:
         mark = "ok" if finding.ok else ("MISSING" if finding.needed else "optional")
@@ -57,11 +59,6 @@ def doctor() -> None:
     show_result(facts, lines)
     if any(f.needed and not f.ok for f in findings):
         sys.exit(EXIT_BAD_INPUT)
-
-
-def _python() -> Finding:
-    ok = (3, 11) <= sys.version_info[:2] < (3, 15)
-    return Finding("python", ok, True, f"{platform.python_version()} on {platform.platform()}")
 
 
 def _library(module: str) -> Finding:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
-from cli.arguments import PATH
+from cli.arguments import PATH, F
 from cli.outputs import require_file, require_no_recording, require_outputs
 from cli.standard_streams import end_partial, show_result
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 
 def output_option(metavar: str, text: str) -> Callable[[F], F]:

@@ -18,7 +18,7 @@ from cli.standard_streams import show_result
 from formats.readable import one_line
 from mapmyworld.errors import LogError
 from mapmyworld.sensing.plan import Plan
-from mapmyworld.types import LogInfo, TopicInfo
+from mapmyworld.types import LogInfo
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
@@ -94,17 +94,15 @@ def info_lines(info: LogInfo) -> list[str]:
     lines = [f"{name + ':':<14} {value}" for name, value in rows]
     width = max((len(one_line(topic.topic)) for topic in info.topics), default=0)
     width = min(width, _WIDEST)
-    lines += ["topics:", *(_topic_line(topic, width) for topic in info.topics)]
+    lines.append("topics:")
+    for topic in info.topics:
+        rate = f" ({topic.frequency:.2f} Hz)" if topic.frequency else ""
+        kind = f"{one_line(topic.type_name)} [{one_line(topic.encoding)}]"
+        name = f"{one_line(topic.topic):<{width}}"
+        lines.append(f"  {name}  {topic.count} msgs{rate} : {kind}")
     if info.problems:
         lines += ["damage:", *(f"  - {problem}" for problem in info.problems)]
     return lines
-
-
-def _topic_line(topic: TopicInfo, width: int) -> str:
-    count = f"{topic.count} msgs"
-    rate = f" ({topic.frequency:.2f} Hz)" if topic.frequency else ""
-    kind = f"{one_line(topic.type_name)} [{one_line(topic.encoding)}]"
-    return f"  {one_line(topic.topic):<{width}}  {count}{rate} : {kind}"
 
 
 def _time(stamp_ns: int) -> str:

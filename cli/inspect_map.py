@@ -88,7 +88,7 @@ def map_facts(store: MapStore) -> dict[str, Any]:
 def _grid_facts(grid: OccupancyGrid) -> dict[str, Any]:
     from mapmyworld.evaluation.sharpness import grid_sharpness
 
-    cells, found = grid.trinary(), grid_sharpness(grid).as_dict()
+    cells = grid.trinary()
     return {
         "resolution_m": grid.resolution,
         "width": int(cells.shape[1]),
@@ -96,7 +96,7 @@ def _grid_facts(grid: OccupancyGrid) -> dict[str, Any]:
         "free_m2": grid.area_m2(0),
         "occupied_m2": grid.area_m2(100),
         "unknown_share": float((cells == -1).mean()),
-        "mean_entropy_bits": found["entropy_bits"],
+        "mean_entropy_bits": grid_sharpness(grid).entropy_bits,
     }
 
 

@@ -28,7 +28,6 @@ from formats.logs import open_log
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError
 from mapmyworld.sessions import MergedMap, SessionMap, extend_map, load_session_map, merge_maps
-from mapmyworld.types import MapStore
 
 
 def merge_files(
@@ -61,12 +60,16 @@ def extend_file(
         session_maps = [_opened(path, stack) for path in sources]
         with results.copy_of_output() as store:
             done = extend_map(store, session_maps, MemoryMap, config, progress)
-            maps = [] if done is None else [_extended(store, known, done)]
+            nodes = store.nodes()
         if done is None:
             results.discard()
             maps = _merged([known, *sources], results, config, progress, known)
-        elif done.apart:
-            maps += merge_maps(done.apart, results.open, config, progress)
+        else:
+            names = (str(known), *(session_map.name for session_map in done.added))
+            sessions = len({node.session for node in nodes})
+            maps = [MergedMap(names, sessions, len(nodes), done.links)]
+            if done.apart:
+                maps += merge_maps(done.apart, results.open, config, progress)
         results.put_in_place()
     return _summary(maps, results.names, config, progress, export)
 
@@ -89,12 +92,6 @@ def _opened(path: Path, stack: ExitStack) -> SessionMap:
     store = open_store(path, read_only=True)
     stack.callback(store.close)
     return load_session_map(str(path), store)
-
-
-def _extended(store: MapStore, known: Path, done: Any) -> MergedMap:
-    nodes = store.nodes()
-    names = (str(known), *(session_map.name for session_map in done.added))
-    return MergedMap(names, len({node.session for node in nodes}), len(nodes), done.links)
 
 
 def _summary(

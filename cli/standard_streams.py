@@ -26,7 +26,10 @@ def mend_streams() -> None:
     its reader did not wait for.
     """
     for number in range(3):
-        _take_place(number)
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # which takes the lowest number that is free
     if sys.stdin is None:
         sys.stdin = io.TextIOWrapper(io.BufferedReader(io.FileIO(0, closefd=False)))
     if sys.stdout is sys.__stdout__:
@@ -37,13 +40,6 @@ def mend_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors=_NAMES)
-
-
-def _take_place(number: int) -> None:
-    try:
-        os.fstat(number)
-    except OSError:
-        os.open(os.devnull, os.O_RDWR)  # which takes the lowest number that is free
 
 
 _ALL = frozenset(errno.errorcode)

@@ -40,10 +40,12 @@ def build_into(
     """Builds the log's map, and notes the settings that are not as usual."""
     from cli.config import settings_that_differ
     from formats.logs.steady import SteadyLog
+    from formats.vocabulary_files import read_vocabulary
     from mapmyworld.pipeline import build_map
 
     store.put("settings", settings_that_differ(config))
-    words = _given_words(config.places.vocabulary)
+    given = config.places.vocabulary  # else the words are learned from the log
+    words: dict[int, Any] | None = read_vocabulary(Path(given)) if given else None
     return build_map(SteadyLog(log), store, config, progress, method=method, words=words)
 
 
@@ -82,15 +84,6 @@ def products_beside(
         progress.finish()
         written.append(str(page))
     return written, cost
-
-
-def _given_words(path: str) -> dict[int, Any] | None:
-    """The visual words that the settings name; None where they are learned from the log."""
-    if not path:
-        return None
-    from formats.vocabulary_files import read_vocabulary
-
-    return read_vocabulary(Path(path))
 
 
 def storage_arguments(config: Config) -> dict[str, Any]:

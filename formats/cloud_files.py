@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.ply import colours, ply_header, positions, read_vertices
 from formats.whole_files import read_whole, write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import Mesh, PointCloud
 
+_COLOURS = ("red", "green", "blue")
 _PCD_SIZES = {"F": {4: "<f4", 8: "<f8"}, "U": {1: "u1", 2: "<u2", 4: "<u4"}, "I": {4: "<i4"}}
+_NAMES = {"f4": "float", "f8": "double", "u1": "uchar", "i4": "int"}
+_TYPES = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "<i2", "int16": "<i2",
+    "ushort": "<u2", "uint16": "<u2", "int": "<i4", "int32": "<i4", "uint": "<u4",
+    "uint32": "<u4", "float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8",
+}  # fmt: skip
+_MAX_HEADER = 1 << 16
 
 
 def write_cloud(path: Path, cloud: PointCloud) -> None:
@@ -23,17 +31,28 @@ def write_cloud(path: Path, cloud: PointCloud) -> None:
         write_whole(path, _pcd(cloud))
     elif suffix == ".ply":
         table = cloud_table(cloud)
-        write_whole(path, ply_header(table) + table.tobytes())
+        write_whole(path, _ply_header(table) + table.tobytes())
     else:
         raise MapError(f"{path}: a cloud is written as .ply or .pcd")
 
 
 def read_cloud(path: Path) -> PointCloud:
-    """The points of a .ply or .pcd file, those that lie nowhere left out, and colours of a .ply."""
-    fields = _read_pcd(path) if path.suffix.lower() == ".pcd" else read_vertices(path)
-    points = positions(fields, path)
+    """The points of a .ply or .pcd file, those that lie nowhere left out, and colours of a .ply.
+
+    Raises `MapError` where it is damaged, or holds none.
+    """
+    fields = _read_pcd(path) if path.suffix.lower() == ".pcd" else _read_ply(path)
+    names = set(fields.dtype.names or ())
+    if not set("xyz") <= names:
+        raise MapError(f"{path}: its points have no x, y, z")
+    with np.errstate(over="ignore", invalid="ignore"):  # infinite beyond single precision
+        points = np.column_stack([fields[axis] for axis in "xyz"]).astype(np.float32)
     found = np.isfinite(points).all(axis=1)  # a point without a return is stored as NaN by many
-    return PointCloud(points[found], colours(fields[found]))
+    colours = None
+    if names.issuperset(_COLOURS):
+        values = np.column_stack([fields[found][name] for name in _COLOURS])
+        colours = np.asarray(np.nan_to_num(values).clip(0, 255), np.uint8)
+    return PointCloud(points[found], colours)
 
 
 def cloud_table(cloud: PointCloud, *, packed_colour: bool = False) -> NDArray[np.void]:
@@ -49,8 +68,7 @@ def cloud_table(cloud: PointCloud, *, packed_colour: bool = False) -> NDArray[np
         r, g, b = cloud.colours.astype(np.uint32).T
         columns.append(("rgb", "<u4", r << 16 | g << 8 | b))
     elif cloud.colours is not None:
-        names = ("red", "green", "blue")
-        columns += [(name, "u1", cloud.colours[:, i]) for i, name in enumerate(names)]
+        columns += [(name, "u1", cloud.colours[:, i]) for i, name in enumerate(_COLOURS)]
     table = np.zeros(len(points), [(name, dtype) for name, dtype, _ in columns])
     for name, _, values in columns:
         table[name] = values
@@ -93,6 +111,81 @@ def _read_pcd(path: Path) -> NDArray[np.void]:
         raise MapError(f"{path}: a damaged PCD file ({error})") from None
 
 
+@dataclass(frozen=True, slots=True)
+class _PlyHead:
+    """What a PLY file says that it holds."""
+
+    text_format: bool
+    vertex_count: int
+    vertex_type: np.dtype[np.void]
+    start: int
+    """Byte at which the vertices begin."""
+
+
+def _ply_header(vertices: NDArray[np.void], faces: int = 0) -> bytes:
+    """The header of binary vertices (N,), a record array, and of so many faces."""
+    lines = ["ply", "format binary_little_endian 1.0", "comment mapmyworld, metres, map frame"]
+    lines.append(f"element vertex {len(vertices)}")
+    kinds = {name: vertices.dtype[name].str.lstrip("<|") for name in vertices.dtype.names or ()}
+    lines += [f"property {_NAMES[kind]} {name}" for name, kind in kinds.items()]
+    if faces:
+        lines += [f"element face {faces}", "property list uchar int vertex_indices"]
+    return "".join(f"{line}\n" for line in [*lines, "end_header"]).encode()
+
+
+def _read_ply(path: Path) -> NDArray[np.void]:
+    """The vertices (N,), as a record array with the file's own property names."""
+    data = read_whole(path)
+    head = _parse_header(data, path)
+    try:
+        if head.text_format:
+            lines = data[head.start :].decode("ascii", "replace").splitlines()
+            rows = [tuple(map(float, line.split())) for line in lines[: head.vertex_count]]
+            if len(rows) < head.vertex_count:
+                raise ValueError("too few lines")
+            table = np.array(rows, [(n, "<f8") for n in head.vertex_type.names or ()])
+            with np.errstate(invalid="raise", over="raise"):
+                return table.astype(head.vertex_type)
+        return np.frombuffer(data, head.vertex_type, head.vertex_count, head.start)
+    except FloatingPointError:
+        raise MapError(f"{path}: holds a number that its type cannot hold") from None
+    except (ValueError, OverflowError):
+        raise MapError(f"{path}: ends before its {head.vertex_count} vertices") from None
+
+
+def _parse_header(data: bytes, path: Path) -> _PlyHead:
+    """The header of a file whose first element is the vertices; MapError for any other."""
+    end = data.find(b"end_header", 0, _MAX_HEADER)
+    if not data.startswith(b"ply") or end < 0:
+        raise MapError(f"{path}: not a PLY file")
+    start = data.index(b"\n", end) + 1 if b"\n" in data[end : end + 14] else len(data)
+    lines = [line.split() for line in data[:end].decode("ascii", "replace").splitlines()]
+    try:
+        return _parse_lines([words for words in lines if words], start)
+    except (KeyError, IndexError, ValueError) as error:
+        raise MapError(f"{path}: a PLY header that cannot be read ({error})") from None
+
+
+def _parse_lines(lines: list[list[str]], start: int) -> _PlyHead:
+    fields: dict[str, list[tuple[str, str]]] = {}
+    counts: dict[str, int] = {}
+    element, kind = "", ""
+    for words in lines:
+        if words[0] == "format":
+            kind = words[1]
+        elif words[0] == "element":
+            element = words[1]
+            counts[element], fields[element] = int(words[2]), []
+        elif words[0] == "property" and words[1] != "list":
+            fields[element].append((words[2], _TYPES[words[1]]))
+    if kind not in ("ascii", "binary_little_endian"):
+        raise ValueError(f"format {kind!r}")
+    if next(iter(counts), "") != "vertex" or min(counts.values()) < 0:
+        raise ValueError("the first element is not the vertices, or one has fewer than none")
+    dtype = np.dtype(fields["vertex"])
+    return _PlyHead(kind == "ascii", counts["vertex"], dtype, start)
+
+
 _FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 
 
@@ -106,5 +199,5 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
     vertices = cloud_table(PointCloud(mesh.vertices, mesh.colours))
     faces = np.empty(len(mesh.triangles), _FACE)
     faces["count"], faces["corners"] = 3, mesh.triangles
-    head = ply_header(vertices, len(faces))
+    head = _ply_header(vertices, len(faces))
     write_whole(path, head + vertices.tobytes() + faces.tobytes())

@@ -15,8 +15,3 @@ _NAMED = {
 _OTHERS = [kind for kind in ConstraintKind if kind not in OF_ONE_NODE.union(_NAMED)]
 COLOURS = {**_NAMED, **dict.fromkeys(_OTHERS, "#5c4b8a")}
 """Of every kind that joins two places, so that none is hidden."""
-
-
-def rgb(colour: str) -> tuple[int, int, int]:
-    """Red, green and blue, 0 to 255, of "#rrggbb"."""
-    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)

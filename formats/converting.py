@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -53,14 +54,19 @@ def convert_log(
     """
     info = log.info()
     topics = {topic.topic for topic in info.topics}
-    _check_topics(selection, topics)
+    if missing := sorted((selection.topics or frozenset()) - topics):
+        raise LogError(
+            f"no topic {', '.join(missing)} in the log: it has {', '.join(sorted(topics))}"
+        )
     if any(Path(path).resolve() == output.resolve() for path in info.paths):
         raise LogError(f"{output}: is the log itself: name another output")
     first_ns = info.start_ns + round(selection.start_s * 1e9)
     end_ns = None if selection.duration_s is None else first_ns + round(selection.duration_s * 1e9)
     times: list[int] = []
     if progress is not None:
-        progress.stage("convert", _selected_s(selection, info.duration_s), "s")
+        rest_s, most_s = info.duration_s - selection.start_s, selection.duration_s
+        wanted_s = max(rest_s, 0.0) if most_s is None else min(max(rest_s, 0.0), most_s)
+        progress.stage("convert", wanted_s, "s")
     with LogWriter(output, compression=compression, overwrite=overwrite) as writer:
         copier, messages, latched = Copier(writer), 0, 0
         for time_ns, topic, write in copier.writes(log, selection.topics):
@@ -84,41 +90,24 @@ def convert_log(
     return Conversion(messages, 1e-9 * (times[-1] - times[0]), losses)
 
 
-def _selected_s(selection: Selection, log_s: float) -> float:
-    """Seconds of a log of this length that are wanted."""
-    rest = max(log_s - selection.start_s, 0.0)
-    return rest if selection.duration_s is None else min(rest, selection.duration_s)
-
-
-def _check_topics(selection: Selection, known: set[str]) -> None:
-    missing = sorted((selection.topics or frozenset()) - known)
-    if missing:
-        raise LogError(
-            f"no topic {', '.join(missing)} in the log: it has {', '.join(sorted(known))}"
-        )
-
-
 class Copier:
     """Takes messages of any log to one writer."""
 
     def __init__(self, writer: LogWriter) -> None:
         self.writer = writer
         self._transcoders: dict[Channel, Transcoder | None] = {}
-        self._lost: dict[str, int] = {}
+        self._lost = Counter[str]()
 
     def writes(
         self, log: LogSource, topics: frozenset[str] | None
     ) -> Iterator[tuple[int, str, Callable[[int], None]]]:
         """Log time, topic and the act of writing at a log time, message by message."""
-        recorded = _recorded(log)
-        if recorded is not None:
-            for (time_ns, channel, data), moved in recorded.mended_records(topics):
+        sources = log.sources if isinstance(log, MergedLog) else (log,)
+        if all(isinstance(source, RecordedLog) for source in sources):
+            assert isinstance(log, MergedLog | RecordedLog)
+            for (time_ns, channel, data), moved in log.mended_records(topics):
                 write = partial(self._copy, channel, data)
-                yield (
-                    time_ns,
-                    channel.topic,
-                    write if moved is None else partial(self._encode, moved),
-                )
+                yield time_ns, channel.topic, partial(self._encode, moved) if moved else write
             return
         for raw in log.messages(topics):
             yield raw.log_time_ns, raw.topic, partial(self._encode, raw)
@@ -139,7 +128,7 @@ class Copier:
             else:
                 self._decoded(channel, log_time_ns, data)
         except LogError as error:
-            self._lose(str(error))
+            self._lost[str(error)] += 1
 
     def _decoded(self, channel: Channel, log_time_ns: int, data: bytes) -> None:
         """A message whose encoding the output does not take, by way of our own types."""
@@ -155,14 +144,4 @@ class Copier:
         try:
             self.writer.write(raw.topic, raw.decode(), log_time_ns)
         except LogError as error:
-            self._lose(str(error))
-
-    def _lose(self, reason: str) -> None:
-        self._lost[reason] = self._lost.get(reason, 0) + 1
-
-
-def _recorded(log: LogSource) -> RecordedLog | MergedLog | None:
-    """The log, where its messages can be had undecoded."""
-    if isinstance(log, MergedLog):
-        return log if all(isinstance(source, RecordedLog) for source in log.sources) else None
-    return log if isinstance(log, RecordedLog) else None
+            self._lost[str(error)] += 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from decimal import Decimal
 
 _SECOND = 1_000_000_000  # nanoseconds
@@ -13,12 +14,10 @@ def nanoseconds_from_text(text: str) -> int:
 
     ValueError where the text is no number, or one that leaves 64 bits.
     """
-    try:
+    with suppress(ArithmeticError, ValueError):
         stamp = Decimal(text) * _SECOND
         if abs(stamp) < _LARGEST:
             return int(stamp)
-    except (ArithmeticError, ValueError) as error:
-        raise ValueError(f"{text!r} is no time") from error
     raise ValueError(f"{text!r} is no time")
 
 

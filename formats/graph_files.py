@@ -41,7 +41,10 @@ def _lines_of(graph: PoseGraph) -> Iterator[str]:
     vertex, landmark, edge, sighting, prior = _TAGS[graph.planar]
     poses, matrices = (np.asarray, _triangles) if graph.planar else (_with_quaternions, _spatial)
     sightings = cartesian(graph.sightings) if graph.planar else graph.sightings
-    edges, priors, shift = graph.edges, graph.priors, _shift(graph)
+    edges, priors, shift = graph.edges, graph.priors, 0
+    marks = graph.landmark_ids
+    if len(np.intersect1d(graph.ids, marks)) or (marks < 0).any():  # g2o has one series of ids
+        shift = int(graph.ids.max(initial=0)) + 1 - int(marks.min(initial=0))
     if not graph.planar and (len(sightings) or len(priors)):
         yield "PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1"
     yield from _lines(vertex, [graph.ids], poses(graph.map_from_node))
@@ -59,14 +62,6 @@ def _lines_of(graph: PoseGraph) -> Iterator[str]:
 def _offsets(graph: PoseGraph, count: int) -> list[NDArray[np.int64]]:
     """Where a sensor sits, by the number of its parameters: in space alone, at the node."""
     return [] if graph.planar else [np.zeros(count, np.int64)]
-
-
-def _shift(graph: PoseGraph) -> int:
-    """What landmarks' ids are raised by where they would clash with nodes': g2o has one series."""
-    if len(np.intersect1d(graph.ids, graph.landmark_ids)) == 0 and (graph.landmark_ids >= 0).all():
-        return 0
-    low = int(graph.landmark_ids.min(initial=0))
-    return int(graph.ids.max(initial=0)) + 1 - min(low, 0)
 
 
 def _lines(tag: str, ids: list[NDArray[np.int64]], numbers: Array) -> Iterator[str]:

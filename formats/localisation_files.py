@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -62,27 +61,19 @@ def write_localisation_mcap(path: Path, localisation: Localisation, *, base_fram
     """
     with LogWriter(path, overwrite=True) as writer:
         # In the order of the log: stamps may step back, the time of recording must not.
-        time = 0
-        state = None
+        time, state = 0, None
         for estimate in localisation.estimates:
             stamp_ns = estimate.stamp_ns
             time = max(time, stamp_ns)
             if estimate.state != state:
                 state = estimate.state
-                text = TextMessage(stamp_ns, str(state))
-                writer.write("/localisation/state", text, time)
+                writer.write("/localisation/state", TextMessage(stamp_ns, str(state)), time)
             if estimate.known:
-                writer.write(
-                    "/tf", TransformsMessage(tuple(_tf(estimate, base_frame)), False), time
-                )
+                correction, odometry = estimate.map_from_odom, estimate.odom_from_base
+                links = [("map", base_frame, estimate.map_from_base)]
+                if correction is not None and odometry is not None:
+                    links = [("map", "odom", correction), ("odom", base_frame, odometry)]
+                moved = tuple(TransformStamped(stamp_ns, *link) for link in links)
+                writer.write("/tf", TransformsMessage(moved, False), time)
                 place = pose_in_map(stamp_ns, estimate.map_from_base, estimate.covariance)
                 writer.write("/localisation/pose", place, time)
-
-
-def _tf(estimate: Estimate, base: str) -> Iterator[TransformStamped]:
-    correction, odometry = estimate.map_from_odom, estimate.odom_from_base
-    if correction is None or odometry is None:
-        yield TransformStamped(estimate.stamp_ns, "map", base, estimate.map_from_base)
-        return
-    yield TransformStamped(estimate.stamp_ns, "map", "odom", correction)
-    yield TransformStamped(estimate.stamp_ns, "odom", base, odometry)

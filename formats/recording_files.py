@@ -40,8 +40,6 @@ class LogWriter:
                 f"{self.path}: a {kind} log cannot be compressed by {compression}: "
                 f"choose {', '.join(COMPRESSIONS[kind])}"
             )
-        if self.path.suffix not in COMPRESSIONS:
-            _require_name_for_yaml(self.path)
         _require_room(self.path, overwrite)
         self._part = self.path.with_name(f".{self.path.name}.unfinished")
         shutil.rmtree(self._part, ignore_errors=True)  # what a killed writer left
@@ -78,7 +76,12 @@ class LogWriter:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if kind is None:
-                _put_in_place(self.sink.close(), self.path)
+                part = self.sink.close()  # the whole file or folder
+                if self.path.is_dir():
+                    shutil.rmtree(self.path)
+                elif part.is_dir():
+                    self.path.unlink(missing_ok=True)
+                part.replace(self.path)
             else:
                 with suppress(Exception):  # a full disk takes no last bytes either
                     self.sink.close()
@@ -86,26 +89,14 @@ class LogWriter:
             shutil.rmtree(self._part, ignore_errors=True)
 
 
-def _put_in_place(part: Path, path: Path) -> None:
-    """The whole file or folder instead of what stood there."""
-    if path.is_dir():
-        shutil.rmtree(path)
-    elif part.is_dir():
-        path.unlink(missing_ok=True)
-    part.replace(path)
-
-
-def _require_name_for_yaml(path: Path) -> None:
-    """The metadata of a recording in a folder name its file."""
-    try:
-        path.name.encode()
-    except UnicodeEncodeError:
-        raise LogError(
-            f"{path}: is no UTF-8, which its metadata.yaml must be: give another name"
-        ) from None
-
-
 def _require_room(path: Path, overwrite: bool) -> None:
+    if path.suffix not in COMPRESSIONS:  # the metadata of a recording in a folder name its file
+        try:
+            path.name.encode()
+        except UnicodeEncodeError:
+            raise LogError(
+                f"{path}: is no UTF-8, which its metadata.yaml must be: give another name"
+            ) from None
     if not path.parent.is_dir():
         raise LogError(f"{path}: cannot be written: its folder does not exist")
     if not path.exists():

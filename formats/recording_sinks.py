@@ -51,11 +51,7 @@ class McapSink:
     def __init__(self, path: Path, compression: str) -> None:
         self.path = path
         self._stream = path.open("wb")
-        kind = {
-            "zstd": CompressionType.ZSTD,
-            "lz4": CompressionType.LZ4,
-            "none": CompressionType.NONE,
-        }[compression]
+        kind = CompressionType[compression.upper()]
         self._writer = McapWriter(self._stream, _CHUNK_BYTES, kind)
         self._writer.start("ros2", f"mapmyworld {mapmyworld.__version__}")
         self._schemas: dict[tuple[str, str, bytes], int] = {}

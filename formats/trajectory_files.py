@@ -29,7 +29,13 @@ def write_trajectory(path: Path, trajectory: Trajectory, style: Style = "tum") -
     Lines with times ascend by them, each time once, as readers of TUM's demand: a log's stamps may
     step back. KITTI's lines keep the order of motion.
     """
-    lines = _WRITERS[style](trajectory if style == "kitti" else ascending(trajectory))
+    if style == "kitti":
+        rows = trajectory.poses.reshape(-1, 16)[:, :12].tolist()
+        lines = [" ".join(f"{number:.12g}" for number in row) for row in rows]
+    elif style == "csv":
+        lines = [CSV_HEADER, *_stamped_lines(ascending(trajectory), ",", str)]
+    else:
+        lines = list(_stamped_lines(ascending(trajectory), " ", seconds_text))
     write_whole(path, "".join(f"{line}\n" for line in lines))
 
 
@@ -39,16 +45,6 @@ def ascending(trajectory: Trajectory) -> Trajectory:
         return trajectory
     stamps, first = np.unique(trajectory.stamps_ns, return_index=True)
     return Trajectory(stamps, trajectory.poses.reshape(-1, 4, 4)[first])
-
-
-def _kitti_lines(trajectory: Trajectory) -> Iterator[str]:
-    for pose in trajectory.poses:
-        yield " ".join(f"{number:.12g}" for number in pose[:3].ravel().tolist())
-
-
-def _csv_lines(trajectory: Trajectory) -> Iterator[str]:
-    yield CSV_HEADER
-    yield from _stamped_lines(trajectory, ",", str)
 
 
 def _stamped_lines(
@@ -62,13 +58,6 @@ def _stamped_lines(
 
 def _text(number: float) -> str:
     return f"{number + 0.0:.9f}" if abs(number) >= 5e-10 else "0.000000000"  # no "-0.000000000"
-
-
-_WRITERS: dict[str, Callable[[Trajectory], Iterator[str]]] = {
-    "tum": lambda trajectory: _stamped_lines(trajectory, " ", seconds_text),
-    "kitti": _kitti_lines,
-    "csv": _csv_lines,
-}
 
 
 def read_trajectory(path: Path) -> Trajectory:

@@ -13,8 +13,6 @@ from formats.logs.definitions import (
     HEADER,
     described_channel,
     recorded_store,
-    ros1_store,
-    ros2_store,
     standard_store,
 )
 from formats.recording_sinks import Handle, McapSink, Sink
@@ -38,13 +36,14 @@ def transcoder_for(channel: Channel, sink: Sink) -> Transcoder | None:
     The transcoder raises `LogError` for a damaged message.
     """
     if isinstance(sink, McapSink):
-        return Transcoder(sink.add(_with_definition(channel)), _unchanged)
+        return Transcoder(sink.add(_with_definition(channel)), bytes)
     if channel.encoding not in {"ros1", "cdr"}:
         return None
     if channel.encoding == sink.encoding:
-        return Transcoder(sink.add(_complete(channel)), _unchanged)
+        return Transcoder(sink.add(_complete(channel)), bytes)
     try:
-        store = _ros2_view(channel)
+        store = recorded_store(channel) if channel.schema else standard_store(channel.encoding)
+        store = _with_header(store, "cdr")  # ROS 2's, which both directions start from
         target = _converted_channel(channel, store, sink.encoding)
     except Exception:  # rosbags promises no family of errors for definitions it cannot take
         return None
@@ -59,16 +58,12 @@ def transcoder_for(channel: Channel, sink: Sink) -> Transcoder | None:
     return Transcoder(sink.add(target), convert)
 
 
-def _unchanged(data: bytes) -> bytes:
-    return data
-
-
 def _with_definition(channel: Channel) -> Channel:
     """The standard definition for a channel of an older rosbag2, which recorded none."""
     if channel.schema or channel.encoding != "cdr":
         return channel
     try:
-        text, _ = ros2_store().generate_msgdef(channel.type_name, ros_version=2)
+        text, _ = standard_store("cdr").generate_msgdef(channel.type_name, ros_version=2)
     except Exception:  # a type that we do not know either
         return channel
     return replace(channel, schema=text.encode(), schema_encoding="ros2msg")
@@ -88,18 +83,13 @@ def _complete(channel: Channel) -> Channel:
         return channel
 
 
-def _ros2_view(channel: Channel) -> Typestore:
-    """The channel's types with ROS 2's Header, which both directions of conversion start from."""
-    store = recorded_store(channel) if channel.schema else standard_store(channel.encoding)
-    return _with_header(store, ros2_store())
-
-
-def _with_header(store: Typestore, source: Typestore) -> Typestore:
+def _with_header(store: Typestore, encoding: str) -> Typestore:
+    """The types with the Header of ROS 1 or 2."""
     changed = get_typestore(Stores.EMPTY)
     types = {
         name: fields for name, fields in store.fielddefs.items() if name not in changed.fielddefs
     }
-    changed.register({**types, HEADER: source.fielddefs[HEADER]})
+    changed.register({**types, HEADER: standard_store(encoding).fielddefs[HEADER]})
     return changed
 
 
@@ -107,7 +97,7 @@ def _converted_channel(channel: Channel, store: Typestore, encoding: str) -> Cha
     to_ros1 = encoding == "ros1"
     name = channel.type_name if to_ros1 else _RENAMED.get(channel.type_name, channel.type_name)
     if name != channel.type_name:
-        store = ros2_store()
+        store = standard_store("cdr")
     if to_ros1:
-        store = _with_header(store, ros1_store())
+        store = _with_header(store, "ros1")
     return described_channel(store, channel.topic, name, encoding, channel.latching)

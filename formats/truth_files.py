@@ -44,18 +44,14 @@ def write_truth(
         write_trajectory(folder / "trajectory.tum", trajectory, "tum")
         write_grid(folder / "grid", grid)
         write_mesh(folder / "mesh.ply", mesh)
-        _write_pairs(folder / "loop_pairs.csv", loops)
+        pairs = [",".join(_PAIR_COLUMNS)]
+        poses = matrix_to_planar(loops.first_from_second).tolist()
+        for (first, second), (x, y, yaw) in zip(loops.stamps_ns.tolist(), poses, strict=True):
+            pairs.append(f"{first},{second},{x:.6f},{y:.6f},{yaw:.6f}")
+        write_whole(folder / "loop_pairs.csv", "\n".join(pairs) + "\n")
         write_whole(folder / "calibration.json", json.dumps(calibration, indent=2) + "\n")
     except OSError as error:
         raise MapError(f"{folder}: cannot be written: {error.strerror or error}") from None
-
-
-def _write_pairs(path: Path, loops: Relations) -> None:
-    lines = [",".join(_PAIR_COLUMNS)]
-    poses = matrix_to_planar(loops.first_from_second).tolist()
-    for (first, second), (x, y, yaw) in zip(loops.stamps_ns.tolist(), poses, strict=True):
-        lines.append(f"{first},{second},{x:.6f},{y:.6f},{yaw:.6f}")
-    write_whole(path, "\n".join(lines) + "\n")
 
 
 def read_loop_pairs(path: Path) -> NDArray[np.int64]:

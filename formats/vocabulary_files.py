@@ -28,7 +28,9 @@ def read_vocabulary(path: Path) -> Words:
     Raises `MapError` where it has none.
     """
     try:
-        words = _words_of_map(path) if _is_map(path) else _parsed(path.read_bytes(), path)
+        with path.open("rb") as file:
+            is_map = file.read(len(_SQLITE)) == _SQLITE
+        words = _words_of_map(path) if is_map else _parsed(path.read_bytes(), path)
     except OSError as error:
         raise MapError(
             f"{path}: the vocabulary cannot be read ({error.strerror}): check places.vocabulary"
@@ -50,11 +52,6 @@ def write_vocabulary(path: Path, words: Mapping[int, NDArray[np.generic]]) -> No
         descriptor = _checked(words[number], f"{path}: word {number}")
         lines.append(" ".join(map(str, [number, *descriptor.tolist()])))
     write_whole(path, "\n".join(lines) + "\n")
-
-
-def _is_map(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(len(_SQLITE)) == _SQLITE
 
 
 def _words_of_map(path: Path) -> Words:

@@ -50,9 +50,9 @@ def test_blurred_and_doubled_walls_are_less_sharp() -> None:
 
 def test_an_empty_grid_has_no_sharpness() -> None:
     nothing = OccupancyGrid(np.full((3, 3), np.nan, np.float32), 0.1, np.zeros(2))
-    found = grid_sharpness(nothing).as_dict()
-    assert found["entropy_bits"] is None
-    assert found["wall_thickness_m"] is None
+    found = grid_sharpness(nothing)
+    assert found.entropy_bits is None
+    assert found.wall_thickness_m is None
 
 
 def path(bend: float) -> Trajectory:

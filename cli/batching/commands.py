@@ -37,27 +37,22 @@ def run_command(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
 
 
 def _run(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
-    process = _start([sys.executable, "-m", "cli.main", *arguments])
-    try:
-        out, reported = process.communicate()
-    finally:
-        _running.discard(process)
-    return subprocess.CompletedProcess(arguments, process.returncode, out, reported)
-
-
-def _start(command: Sequence[str]) -> subprocess.Popen[str]:
     with _starting:
         if _ended:
             raise MapError("the batch was interrupted")
         process = subprocess.Popen(
-            command,
+            [sys.executable, "-m", "cli.main", *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             preexec_fn=_die_with_parent,
         )
         _running.add(process)
-    return process
+    try:
+        out, reported = process.communicate()
+    finally:
+        _running.discard(process)
+    return subprocess.CompletedProcess(arguments, process.returncode, out, reported)
 
 
 def _die_with_parent() -> None:

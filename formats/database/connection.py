@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
@@ -27,41 +28,35 @@ _LAST_SECOND = 253402300799  # 9999-12-31 23:59:59 UTC
 _TRIGGERS = "SELECT name, sql FROM sqlite_master WHERE type = 'trigger'"
 
 
-class _Explained:
-    """What SQLite raises within becomes a MapError that names the file."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> None: ...
-
-    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
-        if isinstance(error, sqlite3.Error | UnicodeDecodeError):
-            if getattr(error, "sqlite_errorname", "") == _MOVED:
-                raise MapError(
-                    f"{self._path}: was moved or removed while it was written: give the same "
-                    "command again"
-                ) from error
-            raise MapError(f"{self._path}: {_suggestion(str(error))}") from error
-
-
 class Connection:
     """One database file. Every failure is a MapError that names the file."""
 
     def __init__(self, path: Path, *, writable: bool, frozen: bool = False) -> None:
         """`frozen`: read the file as it lies, whatever another program left beside it."""
         self.path = path
-        self._explained = _Explained(path)
         self.writable = writable
         self.entered = _EPOCH
         """The text that `time_enter` gets, UTC."""
         mode = "rwc" if writable else "ro&immutable=1" if frozen else "ro"
-        with self._explained:
+        with self._explained():
             self._sqlite = self._connect(mode)
             finalize(self, self._sqlite.close)  # logs are not closed by those who read them
             self._refuse_programs()
             if writable:
                 self._prepare_writing()
+
+    @contextmanager
+    def _explained(self) -> Iterator[None]:
+        """What SQLite raises within becomes a MapError that names the file."""
+        try:
+            yield
+        except (sqlite3.Error, UnicodeDecodeError) as error:
+            if getattr(error, "sqlite_errorname", "") == _MOVED:
+                raise MapError(
+                    f"{self.path}: was moved or removed while it was written: give the same "
+                    "command again"
+                ) from error
+            raise MapError(f"{self.path}: {_suggestion(str(error))}") from error
 
     def _connect(self, mode: str) -> sqlite3.Connection:
         uri = f"{uri_of(self.path)}?mode={mode}"
@@ -105,29 +100,29 @@ class Connection:
 
     def rows(self, sql: str, parameters: Sequence[Any] = ()) -> list[Any]:
         """All rows of a query."""
-        with self._explained:
+        with self._explained():
             return self._sqlite.execute(sql, parameters).fetchall()
 
     def row(self, sql: str, parameters: Sequence[Any] = ()) -> Any:
         """The first row of a query; None without one."""
-        with self._explained:
+        with self._explained():
             return self._sqlite.execute(sql, parameters).fetchone()
 
     def iterate(self, sql: str, parameters: Sequence[Any] = ()) -> Iterator[Any]:
         """Rows of a query, as they are asked for."""
-        with self._explained:
+        with self._explained():
             cursor = self._sqlite.execute(sql, parameters)
             while (row := cursor.fetchone()) is not None:
                 yield row
 
     def run(self, sql: str, parameters: Sequence[Any] = ()) -> None:
         """One statement; `MapError` reports a file that cannot be written."""
-        with self._explained:
+        with self._explained():
             self._sqlite.execute(sql, parameters)
 
     def run_many(self, sql: str, rows: Iterable[Sequence[Any]]) -> None:
         """One statement for each row."""
-        with self._explained:
+        with self._explained():
             self._sqlite.executemany(sql, rows)
 
     def begin(self) -> None:

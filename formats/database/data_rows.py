@@ -41,50 +41,39 @@ def data_row(node_id: int, data: NodeData, options: StorageOptions) -> Row | Non
         scan = scan_to_columns(data.scan)
     elif data.cloud is not None:
         scan = cloud_to_columns(data.cloud)
-    return (node_id, *_image_columns(images, options), *scan)
+    cameras = cameras_to_blob(tuple(image.camera for image in images))
+    return (node_id, _colour_blob(images, options), _depth_blob(images, options), cameras, *scan)
 
 
-def _image_columns(
-    images: tuple[RgbdImage, ...], options: StorageOptions
-) -> tuple[bytes | None, bytes | None, bytes | None]:
-    colours = [image.colour for image in images]
-    depths = [image.depth for image in images]
-    return (
-        _colour_blob(colours, options),
-        _depth_blob(depths, options),
-        cameras_to_blob(tuple(image.camera for image in images)),
-    )
-
-
-def _colour_blob(colours: list[ImageMessage | None], options: StorageOptions) -> bytes | None:
+def _colour_blob(images: tuple[RgbdImage, ...], options: StorageOptions) -> bytes | None:
     """One file for all cameras, side by side; a lone JPEG goes in as it was recorded."""
-    there = [colour for colour in colours if colour is not None]
-    if not there:
+    colours = [image.colour for image in images]
+    lone = colours[0].encoded if len(colours) == 1 and colours[0] is not None else None
+    if lone is not None and lone.startswith(image_blobs.JPEG_MAGIC):
+        return lone
+    joined = _side_by_side(colours, "colour images")
+    if joined is None:
         return None
-    if len(colours) == 1 and (there[0].encoded or b"").startswith(image_blobs.JPEG_MAGIC):
-        return there[0].encoded
-    joined = _side_by_side([None if c is None else c.pixels() for c in colours], "colour images")
     return image_blobs.encode_picture(joined, options.image_codec, options.image_quality)
 
 
-def _depth_blob(depths: list[ImageMessage | None], options: StorageOptions) -> bytes | None:
-    there = [depth for depth in depths if depth is not None]
+def _depth_blob(images: tuple[RgbdImage, ...], options: StorageOptions) -> bytes | None:
+    """The same of depth; a lone PNG of 16 bits goes in, which is how RTAB-Map keeps it too."""
+    depths = [image.depth for image in images]
+    lone = depths[0] if len(depths) == 1 and options.depth_codec != "float" else None
+    sixteen = lone.encoded if lone and lone.encoding.upper() in _SIXTEEN_BITS else None
+    if sixteen is not None and is_16_bit_png(sixteen):
+        return sixteen
+    joined = _side_by_side(depths, "depth images")
+    return None if joined is None else image_blobs.encode_depth(joined, options.depth_codec)
+
+
+def _side_by_side(messages: list[ImageMessage | None], what: str) -> NDArray[np.generic] | None:
+    """All images left to right; a missing one is black. None where all are missing."""
+    images = [None if message is None else message.pixels() for message in messages]
+    there = [image for image in images if image is not None]
     if not there:
         return None
-    if len(depths) == 1 and options.depth_codec != "float" and _is_millimetres(there[0]):
-        return there[0].encoded
-    joined = _side_by_side([None if d is None else d.pixels() for d in depths], "depth images")
-    return image_blobs.encode_depth(joined, options.depth_codec)
-
-
-def _is_millimetres(depth: ImageMessage) -> bool:
-    """Whether depth was recorded as a PNG of 16 bits, which is how RTAB-Map keeps it too."""
-    return depth.encoding.upper() in _SIXTEEN_BITS and is_16_bit_png(depth.encoded or b"")
-
-
-def _side_by_side(images: list[NDArray[np.generic] | None], what: str) -> NDArray[np.generic]:
-    """All images left to right; a missing one is black."""
-    there = [image for image in images if image is not None]
     if len(images) == 1:
         return there[0]
     if len({(image.shape, image.dtype) for image in there}) != 1:

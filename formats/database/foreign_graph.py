@@ -63,7 +63,12 @@ def _constraint(row: tuple[Any, ...], nodes: Set[int]) -> Judged | None:
     motion = blob_to_pose(transform, what)
     if motion is None:
         return None  # RTAB-Map's "null link": its node was merged into another
-    _check_ends(from_id, to_id, kind, nodes, what)
+    if (from_id == to_id) != (kind in OF_ONE_NODE):
+        raise MapError(f"{what}: a node linked to itself, left out")
+    if (to_id < 0) != (kind is ConstraintKind.LANDMARK):
+        raise MapError(f"{what}: only landmarks have negative ids, left out")
+    if from_id not in nodes or (to_id > 0 and to_id not in nodes):
+        raise MapError(f"{what}: there is no such node, left out")
     matrix = blob_to_information(information, what)
     if not (np.diag(matrix) > 0).all():
         raise MapError(f"{what}: its information is not positive, left out")
@@ -71,15 +76,6 @@ def _constraint(row: tuple[Any, ...], nodes: Set[int]) -> Judged | None:
         from_id, to_id, motion = to_id, from_id, invert(motion)
     named = f" as a {_NAMES[number]}" if number in _NAMES else ""
     return Judged(from_id, to_id, kind, motion, matrix, Given(f"stored by RTAB-Map{named}"))
-
-
-def _check_ends(from_id: int, to_id: int, kind: ConstraintKind, nodes: Set[int], what: str) -> None:
-    if (from_id == to_id) != (kind in OF_ONE_NODE):
-        raise MapError(f"{what}: a node linked to itself, left out")
-    if (to_id < 0) != (kind is ConstraintKind.LANDMARK):
-        raise MapError(f"{what}: only landmarks have negative ids, left out")
-    if from_id not in nodes or (to_id > 0 and to_id not in nodes):
-        raise MapError(f"{what}: there is no such node, left out")
 
 
 def poses_from_blobs(ids_blob: bytes | None, poses_blob: bytes | None, what: str) -> Poses | None:

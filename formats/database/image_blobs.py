@@ -117,7 +117,7 @@ def depth_from_pair(
     """
     if left.shape[:2] != right.shape[:2]:
         raise MapError(f"{what}: left and right image differ in size")
-    pair = [image if image.ndim == 2 else _grey(image) for image in (left, right)]
+    pair = [i if i.ndim == 2 else cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) for i in (left, right)]
     span = _SPAN * max(1, round(_SHARE * left.shape[1] / _SPAN))
     matcher = cv2.StereoSGBM.create(
         numDisparities=span,
@@ -134,7 +134,3 @@ def depth_from_pair(
     depth = np.zeros(disparity.shape, np.float32)
     depth[seen] = range_times_pixels / disparity[seen]
     return depth
-
-
-def _grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)

@@ -73,16 +73,12 @@ def link_rows(constraints: Iterable[Judged]) -> Iterator[Row]:
     there, back = (m[:, :3].astype("<f4") for m in (motions, invert(motions)))
     blobs = zip(accepted, information_to_blobs(weights), there, back, strict=True)
     for c, information, to_blob, from_blob in blobs:
-        kind = _link_type(c.kind)
+        other = LINK_TYPES[ConstraintKind.PRIOR] if c.kind in OF_ONE_NODE else _VIRTUAL
+        kind = LINK_TYPES.get(c.kind, other)
         yield (c.from_id, c.to_id, kind, information, to_blob.tobytes())
         if c.kind not in _ONE_WAY:
             # RTAB-Map keeps the information of the forward link for the backward one.
             yield (c.to_id, c.from_id, kind, information, from_blob.tobytes())
-
-
-def _link_type(kind: ConstraintKind) -> int:
-    other = LINK_TYPES[ConstraintKind.PRIOR] if kind in OF_ONE_NODE else _VIRTUAL
-    return LINK_TYPES.get(kind, other)
 
 
 def constraint_rows(numbered: Iterable[tuple[int, int, Constraint]]) -> Iterator[Row]:

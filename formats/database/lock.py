@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from mapmyworld.errors import MapError
@@ -50,13 +50,7 @@ def _locked(lock: Path, path: Path) -> int:
             raise MapError(
                 f"{path}: its disk keeps no locks ({error.strerror}): give another place with -o"
             ) from None
-        if _is_same_file(handle, lock):
-            return handle
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(handle), lock.stat()):
+                return handle
         os.close(handle)  # removed by its last holder between our two steps
-
-
-def _is_same_file(handle: int, lock: Path) -> bool:
-    try:
-        return os.path.samestat(os.fstat(handle), lock.stat())
-    except FileNotFoundError:
-        return False

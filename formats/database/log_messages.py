@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry.planar import invert_planar, planar_to_matrix, transform_points_planar
 from mapmyworld.types import (
-    ImageMessage,
     LaserScanMessage,
     Message,
     MessageKind,
@@ -69,9 +69,10 @@ def messages_at(
         mounts |= fresh
         yield _raw("/tf_static", MessageKind.TRANSFORMS, moment, lambda: _static(moment, fresh))
     yield _raw("/odom", MessageKind.ODOMETRY, moment, lambda: _odometry(moment))
-    if moment.is_node and moment.node.ground_truth is not None:
-        yield _raw("/ground_truth", MessageKind.POSE, moment, lambda: _truth(moment))
-    fix = moment.node.gps
+    stamp_ns, truth, fix = moment.stamp_ns, moment.node.ground_truth, moment.node.gps
+    if moment.is_node and truth is not None:
+        pose = PoseMessage(stamp_ns, "world", truth, np.zeros((6, 6)))
+        yield _raw("/ground_truth", MessageKind.POSE, moment, lambda: pose)
     if moment.is_node and fix is not None:
         yield _raw("/gps/fix", MessageKind.GPS, moment, lambda: fix)
     for number, image in enumerate(data.images):
@@ -82,14 +83,14 @@ def messages_at(
             "/scan",
             MessageKind.LASER_SCAN,
             moment,
-            lambda: message_from_scan(scan, moment.stamp_ns, _LASER),
+            lambda: message_from_scan(scan, stamp_ns, _LASER),
         )
     if cloud is not None:
         yield _raw(
             "/points",
             MessageKind.POINT_CLOUD,
             moment,
-            lambda: PointCloudMessage(moment.stamp_ns, _BASE, cloud, None),
+            lambda: PointCloudMessage(stamp_ns, _BASE, cloud, None),
         )
 
 
@@ -122,12 +123,6 @@ def _odometry(moment: Moment) -> OdometryMessage:
     return OdometryMessage(moment.stamp_ns, _ODOM, _BASE, pose, unknown, twist, unknown)
 
 
-def _truth(moment: Moment) -> PoseMessage:
-    truth = moment.node.ground_truth
-    assert truth is not None
-    return PoseMessage(moment.stamp_ns, "world", truth, np.zeros((6, 6)))
-
-
 def _camera_frame(number: int) -> str:
     return "camera_optical" if number == 0 else f"camera_{number}_optical"
 
@@ -146,13 +141,8 @@ def _camera_messages(moment: Moment, number: int, image: RgbdImage) -> Iterator[
     )
     for kind, picture in (("rgb", image.colour), ("depth", image.depth)):
         if picture is not None:
-            yield _picture(f"{space}/{kind}/image", moment, picture, frame)
-
-
-def _picture(topic: str, moment: Moment, picture: ImageMessage, frame: str) -> RawMessage:
-    message = replace(picture, frame_id=frame)
-    kind = MessageKind.IMAGE
-    return RawMessage(topic, kind, moment.stamp_ns, picture.stamp_ns, lambda: message)
+            topic, decode = f"{space}/{kind}/image", partial(replace, picture, frame_id=frame)
+            yield RawMessage(topic, MessageKind.IMAGE, moment.stamp_ns, picture.stamp_ns, decode)
 
 
 def message_from_scan(scan: Scan, stamp_ns: int, frame_id: str) -> LaserScanMessage:

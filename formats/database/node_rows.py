@@ -44,8 +44,10 @@ def node_row(node: Node, before: Node | None) -> Row:
     truth = None if node.ground_truth is None else pose_to_blob(node.ground_truth)
     label = f"map{node.session}" if before is None else None
     pose, velocity = pose_to_blob(node.odom_from_base), _velocity(node, before)
-    gps = gps_to_blob(node.gps)
-    stamp = node.stamp_ns * 1e-9
+    fix, gps, stamp = node.gps, None, node.stamp_ns * 1e-9
+    if fix is not None:  # 48 bytes, the bearing unknown: 0
+        place = (fix.longitude, fix.latitude, fix.altitude)
+        gps = np.array([fix.stamp_ns * 1e-9, *place, fix.error, 0.0], "<f8").tobytes()
     return (node.id, node.session, node.weight, stamp, pose, truth, velocity, label, gps)
 
 
@@ -117,14 +119,6 @@ def nanoseconds(stamp: float | None) -> int:
     if not abs(seconds) < _LATEST_S:
         raise MapError(f"a stamp of {seconds} s")
     return nanoseconds_from_text(repr(seconds))
-
-
-def gps_to_blob(fix: GpsMessage | None) -> bytes | None:
-    """48 bytes: stamp, longitude, latitude, altitude, error, bearing (unknown: 0)."""
-    if fix is None:
-        return None
-    numbers = (fix.stamp_ns * 1e-9, fix.longitude, fix.latitude, fix.altitude, fix.error, 0.0)
-    return np.array(numbers, "<f8").tobytes()
 
 
 def blob_to_gps(blob: bytes | None, what: str) -> GpsMessage | None:

@@ -107,6 +107,7 @@ class NodeTables(Transactions):
         self._commit()
 
     def tracked_frames(self) -> TrackedFrames:
+        """As they were set, else one a node; raises `MapError` where they are damaged."""
         stamps = self._read("tracked stamps_ns", "i", (-1,))
         node_ids = self._read("tracked node_ids", "i", (-1,))
         motions = self._read("tracked node_from_frame", "f", (-1, 4, 4))
@@ -114,17 +115,14 @@ class NodeTables(Transactions):
         if stamps is None or node_ids is None or motions is None or is_node is None:
             return nodes_as_frames(self.nodes())
         odometry = self._read("tracked odom_from_base", "f", (-1, 4, 4))
-        self._check_lengths("tracked frames", stamps, node_ids, motions, is_node, odometry)
-        self._check_nodes("tracked frames", node_ids)
-        return TrackedFrames(stamps, node_ids, motions, is_node.astype(np.bool_), odometry)
-
-    def _check_nodes(self, what: str, node_ids: NDArray[np.int64]) -> None:
-        """Raises `MapError` unless all of them (N,) are nodes of the map."""
+        what = "tracked frames"
+        self._check_lengths(what, stamps, node_ids, motions, is_node, odometry)
         unknown = np.setdiff1d(node_ids, [node.id for node in self.nodes()])
         if len(unknown):
             raise MapError(
                 f"{self.path}: {what}: a damaged array (of node {unknown[0]}, which is none)"
             )
+        return TrackedFrames(stamps, node_ids, motions, is_node.astype(np.bool_), odometry)
 
     def _restore_session(self) -> None:
         """Takes up where the file stands: the last node of each session, the log's clock."""

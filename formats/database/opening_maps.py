@@ -51,8 +51,11 @@ def open_store(
     settings = StorageOptions(**options)
     if path.is_dir():
         raise MapError(f"{path}: is a folder, not a map")
-    if path.is_file() and says_ours(path):
-        _recover(path)  # before anything is read: a killed build leaves torn pages and a journal
+    if path.is_file() and says_ours(path) and _beside(path, "journal").exists():
+        # Before anything is read: SQLite takes back what a killed build had half written.
+        with closing(Connection(path, writable=True)) as connection:
+            connection.begin()
+            connection.commit()
     exists = path.exists() and path.stat().st_size > 0 and not _is_blank(path)
     if not exists and not create:
         raise MapError(f"{path}: no such map (make one with `mapmyworld build LOG -o {path}`)")
@@ -111,14 +114,6 @@ def _is_ours(path: Path, *, replaced: bool) -> bool:
             f"{schema.FORMAT}): build it anew with --overwrite"
         )
     return True
-
-
-def _recover(path: Path) -> None:
-    """Takes back what a killed build had half written, as SQLite does on opening for writing."""
-    if _beside(path, "journal").exists():
-        with closing(Connection(path, writable=True)) as connection:
-            connection.begin()
-            connection.commit()
 
 
 def _foreign(path: Path, *, create: bool) -> RtabmapStore:

@@ -47,24 +47,10 @@ def sensor_parameters(db: Connection) -> dict[str, str]:
     bent = any(camera.distortion.any() for camera in cameras)
     return {
         "Grid/Sensor": "0" if scans else "1",
-        "Reg/Force3DoF": _flag(flat),
+        "Reg/Force3DoF": str(flat).lower(),
         "Reg/Strategy": "1" if scans else "0",
-        "Rtabmap/ImagesAlreadyRectified": _flag(not bent),
+        "Rtabmap/ImagesAlreadyRectified": str(not bent).lower(),
     }
-
-
-def _flag(value: bool) -> str:
-    return "true" if value else "false"
-
-
-def mark_unpacked(db: Connection) -> None:
-    """Notes in the file that it must be packed once it is complete, by whoever completes it."""
-    db.run("PRAGMA user_version = 1")
-
-
-def is_unpacked(db: Connection) -> bool:
-    """Whether a build wrote into the file and was stopped before it packed it."""
-    return bool(db.row("PRAGMA user_version")[0])
 
 
 def compact(path: Path) -> None:

@@ -33,7 +33,8 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
 
     def __init__(self, connection: Connection, options: StorageOptions) -> None:
         super().__init__(connection, options)
-        self._compact = connection.writable and results.is_unpacked(connection)
+        # By 1 the file says that a build wrote into it, and was stopped before it packed it.
+        self._compact = connection.writable and bool(connection.row("PRAGMA user_version")[0])
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -64,7 +65,7 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
         rank = _rank_of(stage)
         self._begin()
         self._restore_session()
-        results.mark_unpacked(self._db)
+        self._db.run("PRAGMA user_version = 1")
         self._rank, self._compact = rank, False
         try:
             yield
@@ -92,8 +93,13 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
             self._nodes = None
             for table in _NODE_TABLES:
                 db.run(f"DELETE FROM {table}")
-        if rank <= _RECOGNISE:
-            self._clear_words(rank)
+        if rank <= _RECOGNISE:  # features that were there before lose their words, the rest go
+            later = "(SELECT node_id FROM mapmyworld_features WHERE rank >= ?)"
+            db.run("DELETE FROM Word")
+            db.run(f"DELETE FROM Feature WHERE node_id IN {later}", (rank,))
+            db.run("UPDATE Feature SET word_id = -rowid WHERE word_id > 0")
+            db.run("DELETE FROM mapmyworld_features WHERE rank >= ?", (rank,))
+            db.run("UPDATE Info SET dictionary_size = 0")
         if rank <= _OPTIMISE:
             db.run(
                 "UPDATE Admin SET opt_ids = NULL, opt_poses = NULL, opt_last_localization = NULL"
@@ -104,15 +110,6 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
         )
         if judged[0]:
             self._forget_constraints()
-
-    def _clear_words(self, rank: int) -> None:
-        """Features that were there before lose their words, the rest go."""
-        self._db.run("DELETE FROM Word")
-        later = "(SELECT node_id FROM mapmyworld_features WHERE rank >= ?)"
-        self._db.run(f"DELETE FROM Feature WHERE node_id IN {later}", (rank,))
-        self._db.run("UPDATE Feature SET word_id = -rowid WHERE word_id > 0")
-        self._db.run("DELETE FROM mapmyworld_features WHERE rank >= ?", (rank,))
-        self._db.run("UPDATE Info SET dictionary_size = 0")
 
     def frame_poses(self) -> NDArray[np.float64] | None:
         """(N, 4, 4) map_from_frame of all tracked frames; None before they are known."""

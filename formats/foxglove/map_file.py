@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.constraint_kinds import COLOURS, REJECTED, rgb
+from formats.constraint_kinds import COLOURS, REJECTED
 from formats.database.image_blobs import encode_picture
 from formats.recording_files import LogWriter
 from formats.ros_messages import Fields, header, pose_in_map, pose_of, vector
@@ -60,7 +60,9 @@ class FoxgloveMap:
 def write_foxglove(path: Path, shown: FoxgloveMap, data: Iterable[NodeData]) -> list[Path]:
     """Writes the map and a layout beside it; `data` of the nodes, in their order, one at a time."""
     with LogWriter(path, overwrite=True) as writer:
-        moving = heapq.merge(tf_events(shown), node_events(shown, data), key=itemgetter(0))
+        path_poses = zip(shown.stamps_ns.tolist(), shown.map_from_base, strict=True)
+        tf = ((at_ns, "/tf", transform(at_ns, MAP, shown.base_frame, p)) for at_ns, p in path_poses)
+        moving = heapq.merge(tf, node_events(shown, data), key=itemgetter(0))
         for time_ns, topic, message in chain(map_events(shown), moving):
             writer.write(topic, message, time_ns)
     return [path, write_layout(path)]
@@ -94,12 +96,6 @@ def map_events(shown: FoxgloveMap) -> Iterator[Event]:
     yield start, "/map/graph", ("visualization_msgs/msg/MarkerArray", {"markers": markers})
 
 
-def tf_events(shown: FoxgloveMap) -> Iterator[Event]:
-    """The robot in the map, frame by frame."""
-    for stamp, pose in zip(shown.stamps_ns.tolist(), shown.map_from_base, strict=True):
-        yield stamp, "/tf", transform(stamp, MAP, shown.base_frame, pose)
-
-
 def transform(stamp_ns: int, parent: str, child: str, pose: Array) -> TransformsMessage:
     """The child frame's pose (4, 4) in the parent frame."""
     return TransformsMessage((TransformStamped(stamp_ns, parent, child, pose),), static=False)
@@ -126,7 +122,8 @@ def _path(start: int, shown: FoxgloveMap) -> Fields:
 
 
 def _rgba(colour: str, opacity: float = 1.0) -> Fields:
-    return dict(zip("rgba", [*(part / 255.0 for part in rgb(colour)), opacity], strict=True))
+    parts = [part / 255.0 for part in bytes.fromhex(colour[1:])]
+    return dict(zip("rgba", [*parts, opacity], strict=True))
 
 
 def _markers(start: int, shown: FoxgloveMap) -> Iterator[Fields]:

@@ -158,10 +158,8 @@ def _merged(
 def _write_tf(raw: RawMessage, frames: _Frames, writer: LogWriter) -> None:
     """The log's own transforms, but for those that a localiser's map would contradict ours by."""
     message = _decoded(raw)
-    if not isinstance(message, TransformsMessage):
-        return
-    kept = tuple(t for t in message.transforms if _is_kept(t, frames))
-    if kept:
+    found = message.transforms if isinstance(message, TransformsMessage) else ()
+    if kept := tuple(t for t in found if _is_kept(t, frames)):
         writer.write(raw.topic, replace(message, transforms=kept), raw.log_time_ns)
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
@@ -30,13 +29,6 @@ class ClockStep:
     back_ns: int
     places: dict[Channel, Place]
     """Each channel's first record by the new clock."""
-
-    def report(self, path: Path, problems: list[str]) -> None:
-        """Adds what happened to the problems of a file."""
-        problems.append(
-            f"{path}: the clock was set back by {self.back_ns * 1e-9:.1f} s while recording: "
-            "later messages are shifted by as much"
-        )
 
     @property
     def first_offset(self) -> int:
@@ -75,7 +67,12 @@ def step_in(blocks: Iterable[Block], read: Callable[[Block], list[Record]]) -> C
     are read.
     """
     ordered = sorted(blocks, key=lambda block: block.offset)
-    near = {block for pair in pairwise(ordered) if _is_late(*pair) for block in pair}
+    near = {
+        block
+        for before, after in pairwise(ordered)
+        if before.end_ns - after.start_ns > LEAST_STEP_NS
+        for block in (before, after)
+    }
     found: dict[Channel, list[tuple[int, Place]]] = {}
     for block in ordered if len(ordered) == 1 else sorted(near, key=lambda block: block.offset):
         for number, (time, channel, _) in _numbered(read(block)):
@@ -88,10 +85,6 @@ def step_in(blocks: Iterable[Block], read: Callable[[Block], list[Record]]) -> C
     return ClockStep(
         int(np.median(backs)), {channel: place for channel, (place, _) in once.items()}
     )
-
-
-def _is_late(before: Block, after: Block) -> bool:
-    return before.end_ns - after.start_ns > LEAST_STEP_NS
 
 
 def _steps(times: Sequence[tuple[int, Place]]) -> list[tuple[Place, int]]:

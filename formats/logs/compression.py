@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+from contextlib import suppress
 
 import lz4.frame
 import zstandard
@@ -30,10 +31,14 @@ def decompress(data: Buffer, compression: str, size: int) -> bytes:
 
 
 def _decompress(data: Buffer, compression: str, size: int) -> bytes:
+    """At most `size` + 1 bytes, but of what is not compressed."""
     if compression in {"", "none"}:
         return bytes(data)
     if compression == "zstd":
-        return _unzstd(data, size)
+        # A decompressor of one's own each time: they must not be shared by threads.
+        decompressor = zstandard.ZstdDecompressor()
+        with decompressor.stream_reader(data, read_across_frames=True) as reader:
+            return bytes(reader.read(size + 1))
     if compression == "lz4":
         return _bounded(lz4.frame.LZ4FrameDecompressor, data, size)
     if compression == "bz2":
@@ -63,29 +68,11 @@ def _bounded(made: _Made, data: Buffer, size: int) -> bytes:
 
 def decompress_beginning(data: bytes, compression: str, size: int) -> bytes:
     """As much of a cut chunk as can be had, at most `size` bytes; possibly nothing."""
-    size = min(size, limits().chunk_bytes)
-    try:
-        if compression == "zstd":
-            with zstandard.ZstdDecompressor().stream_reader(data) as reader:
-                return _as_far_as_it_goes(reader, size)
-        return _decompress(data, compression, size)[:size]
-    except (*_ERRORS, DamagedBlockError):
-        return b""
-
-
-def _as_far_as_it_goes(reader: zstandard.ZstdDecompressionReader, size: int) -> bytes:
-    found = bytearray()
-    try:
-        while len(found) < size and (block := reader.read(min(size - len(found), 1 << 16))):
-            found += block
-    except zstandard.ZstdError:
-        pass
+    size, found = min(size, limits().chunk_bytes), bytearray()
+    with suppress(*_ERRORS, DamagedBlockError):
+        if compression != "zstd":
+            return _decompress(data, compression, size)[:size]
+        with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+            while len(found) < size and (block := reader.read(min(size - len(found), 1 << 16))):
+                found += block
     return bytes(found)
-
-
-def _unzstd(data: Buffer, size: int) -> bytes:
-    """At most `size` + 1 bytes of frames that stand one after the other."""
-    # A decompressor of one's own each time: they must not be shared by threads.
-    decompressor = zstandard.ZstdDecompressor()
-    with decompressor.stream_reader(data, read_across_frames=True) as reader:
-        return bytes(reader.read(size + 1))

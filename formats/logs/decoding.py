@@ -68,17 +68,14 @@ class ChannelDecoder:
 @lru_cache(maxsize=1024)
 def decoder_for(channel: Channel) -> ChannelDecoder:
     """The decoder of a channel; of kind OTHER where we do not know the type or the encoding."""
-    found = _converter(channel)
+    name, found = channel.type_name, None
+    if channel.encoding in {"ros1", "cdr"}:
+        found = ros_decoders.CONVERTERS.get(name)
+    found = found or foxglove_decoders.CONVERTERS.get(foxglove_decoders.foxglove_name(name))
     parse = None if found is None else parser_of(channel)
     if found is None or parse is None:
         return ChannelDecoder(channel, MessageKind.OTHER, bytes, _unknown)
     return ChannelDecoder(channel, found[0], parse, found[1], header_parser_of(channel))
-
-
-def _converter(channel: Channel) -> tuple[MessageKind, Callable[[Any], Message]] | None:
-    if channel.encoding in {"ros1", "cdr"} and channel.type_name in ros_decoders.CONVERTERS:
-        return ros_decoders.CONVERTERS[channel.type_name]
-    return foxglove_decoders.CONVERTERS.get(foxglove_decoders.foxglove_name(channel.type_name))
 
 
 def _unknown(_value: Any) -> Message:

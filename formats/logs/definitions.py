@@ -29,39 +29,26 @@ _NOTHING = "structure_needs_at_least_one_member"  # rosbags' only field of a typ
 
 
 @cache
-def ros1_store() -> Typestore:
-    """Standard types of ROS 1 Noetic, with tf's."""
-    return _with_tf(get_typestore(Stores.ROS1_NOETIC))
-
-
-@cache
-def ros2_store() -> Typestore:
-    """Standard types of ROS 2 Humble, which all later ones lay out alike."""
-    return _with_tf(get_typestore(Stores.ROS2_HUMBLE))
-
-
-def _with_tf(store: Typestore) -> Typestore:
+def standard_store(encoding: str) -> Typestore:
+    """The types that ROS itself defines, with tf's: 1 Noetic ("ros1"), or 2 Humble ("cdr"), which
+    all later ones lay out alike.
+    """
+    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
     for name in _TF_TYPES:
         if name not in store.fielddefs:
             store.register(get_types_from_msg(_TF_MESSAGE, name))
     return store
 
 
-def standard_store(encoding: str) -> Typestore:
-    """The types that ROS 1 or 2 itself defines."""
-    return ros1_store() if encoding == "ros1" else ros2_store()
-
-
 def described_channel(
     store: Typestore, topic: str, type_name: str, encoding: str, latching: bool
 ) -> Channel:
     """A channel of "ros1" or "cdr" with its type's definition and hash, as this store has it."""
-    if encoding == "ros1":
-        text, digest = store.generate_msgdef(type_name, ros_version=1)
-        return Channel(topic, type_name, encoding, "ros1msg", text.encode(), digest, latching)
-    text, _ = store.generate_msgdef(type_name, ros_version=2)
-    digest = store.hash_rihs01(type_name)
-    return Channel(topic, type_name, encoding, "ros2msg", text.encode(), digest, latching)
+    version = 1 if encoding == "ros1" else 2
+    text, digest = store.generate_msgdef(type_name, ros_version=version)
+    digest = digest if version == 1 else store.hash_rihs01(type_name)
+    kind = f"ros{version}msg"
+    return Channel(topic, type_name, encoding, kind, text.encode(), digest, latching)
 
 
 def recorded_store(channel: Channel) -> Typestore:

@@ -79,9 +79,11 @@ class UnpackedFile:
         most, (handle, name) = limits().unpacked_bytes, tempfile.mkstemp(prefix="mapmyworld-")
         weakref.finalize(self, Path.unlink, Path(name), missing_ok=True)
         with os.fdopen(handle, "wb") as copy, open_binary(self.path) as packed:
-            blocks = _unpacked_zstd if self.path.suffix == ".zstd" else _unpacked
+            read = cast(io.BufferedReader, packed).read1
+            is_zstd = self.path.suffix == ".zstd"
+            blocks = _unpacked_zstd(packed) if is_zstd else iter(lambda: read(_READ_BYTES), b"")
             try:
-                for block in blocks(packed):
+                for block in blocks:
                     if copy.tell() + len(block) > most:
                         raise LogError(
                             f"{self.path}: unpacks to more than {most >> 30} GB: if that is right, "
@@ -91,11 +93,6 @@ class UnpackedFile:
             except DECOMPRESSION_ERRORS as error:
                 self.damage = str(error)
         return Path(name)
-
-
-def _unpacked(stream: BinaryIO) -> Iterator[bytes]:
-    while block := cast(io.BufferedReader, stream).read1(_READ_BYTES):
-        yield block
 
 
 def _unpacked_zstd(packed: BinaryIO) -> Iterator[bytes]:

@@ -7,6 +7,7 @@ Images, calibrations and poses have the fields of ROS's messages, and are read a
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -68,11 +69,6 @@ def _transform(value: Any) -> TransformStamped:
     )
 
 
-def frame_transform(value: Any) -> TransformsMessage:
-    """One transform."""
-    return TransformsMessage((_transform(value),), static=False)
-
-
 def frame_transforms(value: Any) -> TransformsMessage:
     """Several transforms, none of them static."""
     found: Sequence[Any] = field(value, "transforms", ())
@@ -118,7 +114,10 @@ CONVERTERS: dict[str, tuple[MessageKind, Callable[[Any], Message]]] = {
     "CompressedImage": (MessageKind.IMAGE, image_compressed),
     "RawImage": (MessageKind.IMAGE, image),
     "CameraCalibration": (MessageKind.CAMERA_INFO, camera_info),
-    "FrameTransform": (MessageKind.TRANSFORMS, frame_transform),
+    "FrameTransform": (
+        MessageKind.TRANSFORMS,
+        lambda value: TransformsMessage((_transform(value),), static=False),
+    ),
     "FrameTransforms": (MessageKind.TRANSFORMS, frame_transforms),
     "PoseInFrame": (MessageKind.POSE, pose),
     "Odometry": (MessageKind.ODOMETRY, odometry),
@@ -128,8 +127,5 @@ CONVERTERS: dict[str, tuple[MessageKind, Callable[[Any], Message]]] = {
 
 def foxglove_name(type_name: str) -> str:
     """The bare name of a Foxglove type; empty for any other."""
-    for prefix in ("foxglove.", "foxglove_msgs/msg/", "foxglove_msgs."):
-        if type_name.startswith(prefix):
-            name = type_name[len(prefix) :]
-            return name if name in CONVERTERS else ""
-    return ""
+    found = re.fullmatch(r"(?:foxglove\.|foxglove_msgs(?:/msg/|\.))(.*)", type_name, re.DOTALL)
+    return found[1] if found else ""

@@ -37,11 +37,6 @@ def singles(values: ArrayLike) -> NDArray[np.float32]:
         return np.asarray(values, np.float32)
 
 
-def single(value: Any) -> float:
-    """One value, rounded to single precision."""
-    return float(singles(value))
-
-
 def singles_of(value: Any, name: str) -> NDArray[np.float32]:
     """A sequence of N numbers (N,) in single precision; none where it is absent."""
     return singles(field(value, name, ())).reshape(-1)

@@ -29,19 +29,11 @@ def require_one_session(sources: Sequence[LogSource]) -> None:
     Bags recorded side by side have other topics each; parts of a split one follow each other.
     """
     infos = sorted((source.info() for source in sources), key=lambda info: info.start_ns)
-    spans = [_spans(info) for info in infos]
-    for a, b in combinations(range(len(infos)), 2):
-        why = _overlap(spans[a], spans[b])
-        if why:
-            _refuse(infos[a], infos[b], why)
-    for before, after in pairwise(range(len(infos))):
-        why = _gap(spans[before], spans[after])
-        if why:
-            _refuse(infos[before], infos[after], why)
-
-
-def _refuse(a: LogInfo, b: LogInfo, why: str) -> None:
-    raise LogError(f"{a.paths[0]} and {b.paths[0]} are not one session ({why}): {_WAYS}")
+    logs = [(info.paths[0], _spans(info)) for info in infos]
+    for pairs, fault in ((combinations(logs, 2), _overlap), (pairwise(logs), _gap)):
+        for (a, spans_a), (b, spans_b) in pairs:
+            if why := fault(spans_a, spans_b):
+                raise LogError(f"{a} and {b} are not one session ({why}): {_WAYS}")
 
 
 def _spans(info: LogInfo) -> Spans:

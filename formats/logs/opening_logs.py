@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable, Sequence, Set
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -106,9 +107,8 @@ def _is_log_folder(path: Path) -> bool:
 
 
 def _is_log_file(path: Path) -> bool:
-    if path.is_dir() or path.name.startswith("."):
-        return False
-    return any(reader.names(path) for reader in _READERS)
+    hidden = path.is_dir() or path.name.startswith(".")
+    return not hidden and any(reader.names(path) for reader in _READERS)
 
 
 def _open_one(path: Path) -> LogSource:
@@ -122,7 +122,9 @@ def _open_one(path: Path) -> LogSource:
         raise LogError(f"{path}: is a device or a pipe: copy what it gives into a file")
     if path.stat().st_size == 0:
         raise LogError(f"{path}: the file is empty: was the recording or the copy interrupted?")
-    return _open_file(path)
+    if reader := _reader_of(_first_bytes(path), path):
+        return reader.opener(path)
+    raise LogError(f"{path}: not a log this program knows: give {_kinds()}")
 
 
 def _open_folder(path: Path) -> LogSource:
@@ -132,7 +134,8 @@ def _open_folder(path: Path) -> LogSource:
     if metadata.is_file():
         listed = listed_files(metadata)
         if listed:
-            return _open_several(path, listed, _in_place_of_missing(path, listed))
+            more = [] if all(file.exists() for file in listed) else _recordings_in(path)
+            return _open_several(path, listed, [file for file in more if file not in listed])
     if found := _recordings_in(path):
         whole = _open_several(path, found)
         if isinstance(whole, MergedLog):
@@ -145,17 +148,10 @@ def _recordings_in(folder: Path) -> list[Path]:
     return sorted((child for child in folder.iterdir() if _is_log_file(child)), key=_numbered)
 
 
-def _in_place_of_missing(folder: Path, listed: list[Path]) -> list[Path]:
-    """Recordings beside a metadata.yaml that names others, which are not there: renamed ones."""
-    if all(file.exists() for file in listed):
-        return []
-    return [file for file in _recordings_in(folder) if file not in listed]
-
-
 def _open_several(folder: Path, files: list[Path], more: Sequence[Path] = ()) -> LogSource:
     """The parts of a split recording, as one; parts that are missing or unreadable are reported.
 
-    `more`: files that stand beside those, and are read as well.
+    `more`: files that stand beside those, where some are missing: renamed ones, read as well.
     """
     sources, problems = list[LogSource](), list[str]()
     for file in more:
@@ -176,12 +172,6 @@ def _numbered(path: Path) -> tuple[list[str | int], str]:
     """Orders bag_2 before bag_10."""
     parts = re.split(r"(\d+)", path.name)
     return [int(part) if i % 2 else part for i, part in enumerate(parts)], path.name
-
-
-def _open_file(path: Path) -> LogSource:
-    if reader := _reader_of(_first_bytes(path), path):
-        return reader.opener(path)
-    raise LogError(f"{path}: not a log this program knows: give {_kinds()}")
 
 
 def _reader_of(start: bytes, path: Path) -> _Reader | None:
@@ -222,11 +212,8 @@ def _open_packed(path: Path) -> LogSource:
 def tables_of(path: Path) -> Set[str]:
     """Names of an SQLite file's tables; `LogError` where it is too damaged to determine it."""
     try:
-        database = connect_read_only(path)
-        try:
+        with closing(connect_read_only(path)) as database:
             return stored_tables(database)
-        finally:
-            database.close()
     except SQLITE_ERRORS as error:
         with path.open("rb") as stream:
             named = {name.decode() for name in _CREATED.findall(stream.read(1 << 16))}

@@ -65,7 +65,10 @@ class RecordedLog:
                 )
             index.problems[:0] = self._file.problems()
             if step is not None:
-                step.report(self.path, index.problems)
+                index.problems.append(
+                    f"{self.path}: the clock was set back by {step.back_ns * 1e-9:.1f} s while "
+                    "recording: later messages are shifted by as much"
+                )
                 index.blocks[:] = map(step.moved, index.blocks)
             self._index, self.clock_step = index, step
         return self._index

@@ -47,12 +47,6 @@ def field_u32(fields: Fields, name: bytes) -> int:
     return int(U32(_sized(fields, name, 4))[0])
 
 
-def field_time(fields: Fields, name: bytes) -> int:
-    """Nanoseconds of a field of seconds and nanoseconds."""
-    seconds, nanoseconds = _TIME(_sized(fields, name, 8))
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
-
-
 def _sized(fields: Fields, name: bytes, size: int) -> bytes:
     value = fields.get(name, b"")
     if len(value) != size:
@@ -63,6 +57,7 @@ def _sized(fields: Fields, name: bytes, size: int) -> bytes:
 def parse_connection(fields: Fields, data: bytes) -> tuple[int, Channel]:
     """Id and channel of a connection record."""
     described = parse_fields(data)
+    caller = described.get(b"callerid")
     topic = fields.get(b"topic") or described.get(b"topic", b"")
     channel = Channel(
         topic.decode("utf-8", "replace"),
@@ -72,11 +67,7 @@ def parse_connection(fields: Fields, data: bytes) -> tuple[int, Channel]:
         described.get(b"message_definition", b""),
         described.get(b"md5sum", b"").decode("ascii", "replace"),
         described.get(b"latching", b"0") == b"1",
-        {
-            k.decode(): v.decode("utf-8", "replace")
-            for k, v in described.items()
-            if k == b"callerid"
-        },
+        {"callerid": caller.decode("utf-8", "replace")} if caller is not None else {},
     )
     return field_u32(fields, b"conn"), channel
 
@@ -108,8 +99,9 @@ def _next_record(
     fields = parse_fields(data[header:body])
     op = operation(fields)
     if op == OP_MESSAGE:
-        connection, time = field_u32(fields, b"conn"), field_time(fields, b"time")
-        records.append((time, connection, data[start:after]))
+        seconds, nanoseconds = _TIME(_sized(fields, b"time", 8))
+        time = int(seconds) * 1_000_000_000 + int(nanoseconds)
+        records.append((time, field_u32(fields, b"conn"), data[start:after]))
     elif op == OP_CONNECTION:
         key, channel = parse_connection(fields, data[start:after])
         connections[key] = channel

@@ -82,8 +82,9 @@ class TumRgbdLog(ListedLog):
         decoders: dict[str, Callable[[_Entry], Message]] = {
             TRUTH: _pose,
             INFO: lambda entry: camera.info(entry.stamp_ns, FRAME),
-            COLOUR: self._colour,
-            DEPTH: self._depth,
+            COLOUR: partial(self._picture, "rgb8"),
+            # Metres; not `encoded`, because its 5000 units a metre are not ROS's millimetres.
+            DEPTH: partial(self._picture, "32FC1"),
         }
         lists[INFO] = pictures
         every = [
@@ -141,16 +142,11 @@ class TumRgbdLog(ListedLog):
         lists = [self.path / name for name in (*LISTS, "groundtruth.txt")]
         return [path for path in lists if path.is_file()] + self.pictures
 
-    def _colour(self, entry: _Entry) -> ImageMessage:
-        data = _bytes(self._file(entry))
-        pixels = partial(encoded_pixels, data, "rgb8")
-        return ImageMessage(entry.stamp_ns, FRAME, "rgb8", *picture_size(data), pixels, data)
-
-    def _depth(self, entry: _Entry) -> ImageMessage:
-        """Metres; no `encoded`, because its 5000 units a metre are not ROS's millimetres."""
-        data = _bytes(self._file(entry))
-        pixels = partial(encoded_pixels, data, "32FC1", PER_METRE)
-        return ImageMessage(entry.stamp_ns, FRAME, "32FC1", *picture_size(data), pixels)
+    def _picture(self, encoding: str, entry: _Entry) -> ImageMessage:
+        data, stamp_ns = _bytes(self._file(entry)), entry.stamp_ns
+        pixels = partial(encoded_pixels, data, encoding, PER_METRE)
+        file = data if encoding == "rgb8" else None
+        return ImageMessage(stamp_ns, FRAME, encoding, *picture_size(data), pixels, file)
 
 
 def _bytes(path: Path) -> bytes:

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
 from formats.report.contents import (
     Evidence,
@@ -27,21 +26,16 @@ _GAP = 6  # pixels between two images
 
 def definitions(contents: ReportContents) -> str:
     """Every scan and image once, for the cards to refer to."""
-    parts = [
-        f'<path id="scan{node}" d="{_scan_path(points)}"/>'
-        for node, points in contents.scans.items()
-    ]
+    parts = []
+    for node, points in contents.scans.items():  # in centimetres, y upwards
+        kept = np.round(100.0 * points[:: max(1, -(-len(points) // _POINTS))]).astype(int)
+        path = "".join(f"M{x} {y}h0" for x, y in kept.tolist())
+        parts.append(f'<path id="scan{node}" d="{path}"/>')
     parts += [
         f'<image id="image{node}" width="{p.width}" height="{p.height}" href="{data_uri(p.jpeg)}"/>'
         for node, p in contents.pictures.items()
     ]
     return f'<svg class="store" aria-hidden="true"><defs>{"".join(parts)}</defs></svg>'
-
-
-def _scan_path(points: NDArray[np.float32]) -> str:
-    """Centimetres, y upwards."""
-    kept = np.round(100.0 * points[:: max(1, -(-len(points) // _POINTS))]).astype(int)
-    return "".join(f"M{x} {y}h0" for x, y in kept.tolist())
 
 
 def card(item: Evidence, contents: ReportContents) -> str:

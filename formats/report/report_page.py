@@ -51,7 +51,8 @@ def report_html(contents: ReportContents) -> str:
     page.section("Settings that differ", *_settings(contents))
     again = f"<pre>{escape(contents.reproduce)}</pre>" if contents.reproduce else ""
     page.section("Reproduce this map", again)
-    page.section("Time and memory", _timing(contents))
+    # An empty place: the script fills it from the block that may differ between builds.
+    page.section("Time and memory", '<div id="timing"></div>' if contents.timing else "")
     page.section("Optimality", paragraph(contents.proof))
     page.data("data", page_data(contents))
     page.data("cloud-data", cloud)
@@ -167,7 +168,11 @@ def _cloud(cloud: dict[str, Any] | None) -> str:
 
 def _diagnosis(contents: ReportContents) -> str:
     """What the sensors indicate about one another."""
-    items = "".join(_finding(*row) for row in contents.diagnosis)
+    items = ""
+    for good, text, suggestion in contents.diagnosis:
+        state, word = ("fine", "well") if good else ("problem", "look")
+        more = f"<br>What to do: {escape(suggestion)}." if suggestion else ""
+        items += f'<li class="{state}"><b>{word}</b> {escape(text)}{more}</li>'
     reported = paragraph(
         "Measured along the tracked path and in some images. "
         "mapmyworld inspect log does it without making a map."
@@ -175,21 +180,10 @@ def _diagnosis(contents: ReportContents) -> str:
     return f'<ul class="diagnosis">{items}</ul>{reported}' if items else ""
 
 
-def _finding(good: bool, text: str, suggestion: str) -> str:
-    state, word = ("fine", "well") if good else ("problem", "look")
-    more = f"<br>What to do: {escape(suggestion)}." if suggestion else ""
-    return f'<li class="{state}"><b>{word}</b> {escape(text)}{more}</li>'
-
-
 def _settings(contents: ReportContents) -> list[str]:
     if not contents.settings:
         return [paragraph("None: all settings have their defaults.")]
     return [table(("setting", "here", "default"), contents.settings)]
-
-
-def _timing(contents: ReportContents) -> str:
-    """An empty place: the script fills it from the block that may differ between builds."""
-    return '<div id="timing"></div>' if contents.timing else ""
 
 
 def ellipses_of(covariances: np.ndarray, yaw: np.ndarray) -> np.ndarray:

@@ -61,7 +61,9 @@ def _image_findings(frames: Sequence[Frame], plan: Plan, config: Config) -> Iter
 
     def look(frame: Frame) -> tuple[Frame, RgbdImage | None]:
         image = guard.sound(guard.guarded(frame.images[0]))
-        return frame, None if image is None else _decoded_once(image)
+        if image is not None:  # decoded now: every comparison asks for its parts again
+            image = replace(image, colour=decoded(image.colour), depth=decoded(image.depth))
+        return frame, image
 
     chosen = [
         (frame, image)
@@ -78,11 +80,6 @@ def _image_findings(frames: Sequence[Frame], plan: Plan, config: Config) -> Iter
             yield finding
     yield from _floor(images, scale, config)
     yield from beside
-
-
-def _decoded_once(image: RgbdImage) -> RgbdImage:
-    """The image, its parts decoded now: every comparison asks for them again."""
-    return replace(image, colour=decoded(image.colour), depth=decoded(image.depth))
 
 
 def _floor(images: list[RgbdImage], scale: float, config: Config) -> Iterator[Finding]:

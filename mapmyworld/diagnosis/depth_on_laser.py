@@ -66,7 +66,11 @@ def mount_findings(
     mount is to blame yet.
     """
     seen = [_seen(frame, image, base_from_lidar) for frame, image in chosen if frame.scan]
-    pairs = [_ratios(one) for one in seen]
+    pairs = list[Array]()  # distances along the camera's axis: by the laser, and by depth
+    for one in seen:
+        local, looked_up = _looked_up(one, one.points)
+        known = np.isfinite(looked_up)
+        pairs.append(np.column_stack([local[known, 2], looked_up[known]]))
     both = np.concatenate([np.zeros((0, 2)), *pairs])
     if len(both) < _LEAST_POINTS:
         return
@@ -133,13 +137,6 @@ def _looked_up(seen: _Seen, points: Array) -> tuple[Array, Array]:
     found = depth_at(seen.image, seen.depth, pixels_of_points(seen.image.camera, local))
     found[local[:, 2] <= 0.3] = np.nan
     return local, found
-
-
-def _ratios(seen: _Seen) -> Array:
-    """Distances along the camera's axis (N, 2) of laser points: by the laser, and by depth."""
-    local, found = _looked_up(seen, seen.points)
-    known = np.isfinite(found)
-    return np.column_stack([local[known, 2], found[known]])
 
 
 def simplest_agreement(seen: Sequence[_Seen], lidar: Array) -> Agreement:

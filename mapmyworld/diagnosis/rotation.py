@@ -43,8 +43,10 @@ def time_offset(
     certain = others > _BETTER * errors[best]
     # Most seconds between the headings of the second sensor: what averaging alone can feign.
     apart = np.percentile(np.diff(np.unique(clock[0])), 90)
+    name = f"time offset of {names[1]} to {names[0]}"
     if not certain and abs(offset) < apart:
-        return _none_seen(names, len(turns))
+        none = f"no time offset between {names[1]} and {names[0]} detected ({len(turns)} pairs)"
+        return Finding(name, 0.0, "s", True, none)
     good = not certain or abs(offset) < _WORTH_SAYING
     order = "later" if offset > 0 else "earlier"
     doubt = ", uncertain" if not certain and abs(offset) >= _WORTH_SAYING else ""
@@ -56,7 +58,7 @@ def time_offset(
         "correct the stamps where they are made (driver latency, clock synchronisation), or "
         f"set sensing.{_SETTINGS[names[1]]} = {-offset:.3f}"
     )
-    return Finding(f"time offset of {names[1]} to {names[0]}", offset, "s", good, text, suggestion)
+    return Finding(name, offset, "s", good, text, suggestion)
 
 
 def nearest_offset(
@@ -88,12 +90,6 @@ def _backwards(names: tuple[str, str], pairs: int) -> Finding:
         f"3.14159); else correct the sign of the rotation in {names[1]}"
     )
     return Finding(SENSE_OF_TURNING, -1.0, "", False, text, suggestion)
-
-
-def _none_seen(names: tuple[str, str], pairs: int) -> Finding:
-    name = f"time offset of {names[1]} to {names[0]}"
-    text = f"no time offset between {names[1]} and {names[0]} detected ({pairs} pairs)"
-    return Finding(name, 0.0, "s", True, text)
 
 
 def _error(starts: Array, ends: Array, turns: Array, clock: tuple[Array, Array]) -> float:

@@ -60,10 +60,6 @@ def _recall(found_ns: NDArray[np.int64], true_ns: NDArray[np.int64]) -> float:
     near_ns = round(_NEAR_S * 1e9)
     recalled: dict[int, bool] = {}
     for earlier, later in np.sort(true_ns, axis=1).tolist():
-        hit = (
-            bool((np.abs(found_ns - [earlier, later]) <= near_ns).all(axis=1).any())
-            if len(found_ns)
-            else False
-        )
+        hit = bool((np.abs(found_ns - [earlier, later]) <= near_ns).all(axis=1).any())
         recalled[later] = recalled.get(later, False) or hit
     return float(np.mean(list(recalled.values())))

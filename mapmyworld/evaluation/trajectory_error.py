@@ -107,19 +107,14 @@ def rigid_alignment(a_points: ArrayLike, b_points: ArrayLike) -> Array:
     left, singular, right = np.linalg.svd((a - a.mean(0)).T @ (b - b.mean(0)) / len(a))
     on_a_line = np.count_nonzero(singular > _RANK_TOLERANCE * max(singular[0], 1e-300)) < 2
     if dimension == 3 and on_a_line:
-        return _planar_alignment(a, b)
+        planar, motion = rigid_alignment(a[:, :2], b[:, :2]), np.eye(4)
+        motion[:2, :2], motion[:2, 3] = planar[:2, :2], planar[:2, 2]
+        motion[2, 3] = a[:, 2].mean() - b[:, 2].mean()
+        return motion
     signs = np.ones(dimension)
     signs[-1] = np.sign(np.linalg.det(left) * np.linalg.det(right))
     rotation = (left * signs) @ right
     motion = np.eye(dimension + 1)
     motion[:-1, :-1] = rotation
     motion[:-1, -1] = a.mean(0) - rotation @ b.mean(0)
-    return motion
-
-
-def _planar_alignment(a: Array, b: Array) -> Array:
-    planar = rigid_alignment(a[:, :2], b[:, :2])
-    motion = np.eye(4)
-    motion[:2, :2], motion[:2, 3] = planar[:2, :2], planar[:2, 2]
-    motion[2, 3] = a[:, 2].mean() - b[:, 2].mean()
     return motion

@@ -61,7 +61,11 @@ def images_of(draft: Draft) -> list[Images]:
     """All streams of images that show something."""
     found = [seen for s in draft.survey.of_kind(MessageKind.IMAGE) if (seen := look_at(s))]
     depths = [(i.topic, i.sample.encoding) for i in found if i.sample.is_depth]
-    return [_as_grey(i) if _is_grey(draft, i, depths) else i for i in found]
+    for k, images in enumerate(found):
+        if _is_grey(draft, images, depths):
+            bits = bits_of(images.stream.samples)
+            found[k] = replace(images, sample=eight_bits(images.sample, bits), grey_bits=bits)
+    return found
 
 
 def _is_grey(draft: Draft, images: Images, depths: list[tuple[str, str]]) -> bool:
@@ -71,11 +75,6 @@ def _is_grey(draft: Draft, images: Images, depths: list[tuple[str, str]]) -> boo
     if images.topic == draft.config.colour_topic:
         return images.sample.encoding.lower() == "mono16"
     return is_grey(images.topic, images.sample.encoding, depths)
-
-
-def _as_grey(images: Images) -> Images:
-    bits = bits_of(images.stream.samples)
-    return replace(images, sample=eight_bits(images.sample, bits), grey_bits=bits)
 
 
 def infos_of(draft: Draft) -> list[Calibration]:

@@ -96,13 +96,8 @@ def check_streams(
     for topic in draft.survey.info.topics:
         if topic.count == 0 and topic.kind is not MessageKind.OTHER:
             draft.warnings.append(f"{topic.topic} ({topic.kind}) is listed but has no message")
-    if scan is not None:
-        _check_ranges(draft, draft.survey.streams[scan.topic])
-
-
-def _check_ranges(draft: Draft, stream: Stream) -> None:
-    scans = [m for m in stream.samples if isinstance(m, LaserScanMessage)]
-    nan = sum(int(np.isnan(s.ranges).sum()) for s in scans)
-    if nan:
+    samples = draft.survey.streams[scan.topic].samples if scan is not None else []
+    scans = [m for m in samples if isinstance(m, LaserScanMessage)]
+    if scan is not None and (nan := sum(int(np.isnan(s.ranges).sum()) for s in scans)):
         count = f"{nan:,} of {sum(len(s.ranges) for s in scans):,}"
-        draft.warnings.append(f"{stream.topic}: {count} sampled ranges are NaN: left out")
+        draft.warnings.append(f"{scan.topic}: {count} sampled ranges are NaN: left out")

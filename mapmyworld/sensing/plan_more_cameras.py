@@ -9,7 +9,6 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.sensing.plan import CameraSource, Draft
 from mapmyworld.sensing.plan_cameras import (
-    Calibration,
     Images,
     images_of,
     info_for,
@@ -45,7 +44,10 @@ def choose_more_cameras(
         _, mount_assumed = mount_of(draft, base, colour.sample.frame_id, "camera")
         if depth is None or mount_assumed or not infos:
             continue
-        source = _chosen_quietly(draft, base, colour, depth, infos)
+        stream, info = info_for(draft, colour, infos)
+        if frame_name(info.frame_id) != frame_name(colour.sample.frame_id):
+            continue  # it has no calibration of its own frame
+        source = source_of(draft, base, colour, depth, stream, info)
         if source is not None and all(_is_apart(source, other) for other in found):
             found.append(source)
             used |= {colour.topic, depth.topic}
@@ -69,16 +71,6 @@ def _depth_of(colour: Images, images: list[Images]) -> Images | None:
     fitting = [(score_pair(colour, i), i) for i in images if i.sample.is_depth]
     near = [(s, i) for s, i in fitting if s > _BELONGS and i.width == colour.width]
     return max(near, key=lambda item: (item[0], item[1].topic))[1] if near else None
-
-
-def _chosen_quietly(
-    draft: Draft, base: str, colour: Images, depth: Images, infos: list[Calibration]
-) -> CameraSource | None:
-    """The camera, if it has a calibration of its own frame."""
-    stream, info = info_for(draft, colour, infos)
-    if frame_name(info.frame_id) != frame_name(colour.sample.frame_id):
-        return None
-    return source_of(draft, base, colour, depth, stream, info)
 
 
 def _is_apart(a: CameraSource, b: CameraSource) -> bool:

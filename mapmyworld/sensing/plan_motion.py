@@ -169,16 +169,10 @@ def is_planar(draft: Draft, odometry: OdometrySource | None, scan: ScanSource | 
         flat = height < _FLAT and tilt < _FLAT
         reason = f"odometry rises {height:.3f} m and tilts {np.degrees(tilt):.2f} deg at most"
     draft.decide("dimensions", "2D" if flat else "3D", reason)
-    if flat:
-        _check_slopes(draft)
-    return flat
-
-
-def _check_slopes(draft: Draft) -> None:
-    """Words about slopes that an inertial sensor feels, where the map is made flat."""
     for topic, slope in sorted(draft.survey.slopes.items()):
-        if slope > _SLOPE:
+        if flat and slope > _SLOPE:
             draft.losses.append(
                 f"{topic} measures slopes of up to {np.degrees(slope):.1f} deg, but the map is "
                 "flat: map each level by itself"
             )
+    return flat

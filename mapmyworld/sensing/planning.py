@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import ConfigError, LogError
@@ -49,7 +48,11 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
         check_stamps(draft, used)
     plan_checks.check_streams(draft, used, scan, sorted_by_stamp=sort_ns > 0)
     if scan is None and camera is None:
-        _refuse(draft)
+        raise LogError(
+            f"{', '.join(survey.info.paths)}: no map can be made: the log has neither a laser scan "
+            "nor colour with depth that can be used",
+            problems=list(dict.fromkeys([*draft.problems, *draft.losses, *survey.losses])),
+        )
     plan = Plan(
         scan=scan,
         camera=camera,
@@ -72,12 +75,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
 
 def _check_topics(draft: Draft) -> None:
     """Raises `ConfigError` with every topic that is set and of which the log holds no message."""
-    problems = list(_absent_topics(draft))
-    if problems:
-        raise ConfigError("topics are set that the log does not have:", problems=problems)
-
-
-def _absent_topics(draft: Draft) -> Iterator[str]:
+    problems = list[str]()
     for name, (kinds, plural) in _ROLES.items():
         wanted = getattr(draft.config, name)
         known = sorted(s.topic for kind in kinds for s in draft.survey.of_kind(kind))
@@ -86,16 +84,9 @@ def _absent_topics(draft: Draft) -> Iterator[str]:
             continue
         near = difflib.get_close_matches(wanted, known, n=1, cutoff=0.5)
         hint = f"; did you mean {near[0]}?" if near else ""
-        yield (
+        problems.append(
             f"sensing.{name} = {wanted!r} is not in the log; {plural}: "
             f"{', '.join(known) or 'none'}{hint}"
         )
-
-
-def _refuse(draft: Draft) -> None:
-    paths = ", ".join(draft.survey.info.paths)
-    raise LogError(
-        f"{paths}: no map can be made: the log has neither a laser scan nor colour with depth "
-        "that can be used",
-        problems=list(dict.fromkeys([*draft.problems, *draft.losses, *draft.survey.losses])),
-    )
+    if problems:
+        raise ConfigError("topics are set that the log does not have:", problems=problems)

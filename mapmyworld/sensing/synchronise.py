@@ -152,6 +152,9 @@ class _Synchroniser:
             self.counts.unpaired_images += 1
             return None
         others = self.cameras[1:] if scan is None else self.cameras
+        imu = list[ImuSample]()
+        while self.imu and self.imu[0].stamp_ns <= main.stamp_ns:
+            imu.append(self.imu.popleft())
         images = [image, *(self._image_near(camera, main.stamp_ns) for camera in others)]
         pose = odometry.motion.at(main.stamp_ns) if odometry else None
         if odometry is not None and pose is None:
@@ -163,7 +166,7 @@ class _Synchroniser:
             scan=scan,
             images=tuple(found for found in images if found is not None),
             cloud=cloud,
-            imu=self._imu_until(main.stamp_ns),
+            imu=tuple(imu),
             ground_truth=None if truth is None else truth.pose,
             gps=fix if fix is not None and abs(main.stamp_ns - fix.stamp_ns) <= _FIX_NS else None,
             is_interpolated=bool(odometry and odometry.motion.is_interpolated(main.stamp_ns)),
@@ -208,12 +211,6 @@ class _Synchroniser:
             self.imu.append(ImuSample(stamp_ns, rotation @ turning, rotation @ force))
         else:
             self.counts.unusable += 1
-
-    def _imu_until(self, stamp_ns: int) -> tuple[ImuSample, ...]:
-        samples = []
-        while self.imu and self.imu[0].stamp_ns <= stamp_ns:
-            samples.append(self.imu.popleft())
-        return tuple(samples)
 
 
 def _offsets_ns(plan: Plan, config: SensingConfig) -> dict[str, int]:

@@ -150,16 +150,10 @@ def _record(edge: Edge, stamp_ns: int, pose: NDArray[np.float64]) -> None:
         for still_ns in edge.still_ns:
             edge.recorder.add(still_ns, edge.first)
         edge.recorder.add(stamp_ns, pose)
+    elif len(edge.still_ns) > 1 and 0 <= stamp_ns - edge.still_ns[-2] < _STILL_NS:
+        edge.still_ns[-1] = stamp_ns  # of close times the last is kept
     else:
-        _stand_still(edge.still_ns, stamp_ns)
-
-
-def _stand_still(seen_ns: array[int], stamp_ns: int) -> None:
-    """One more time at which a transform had not moved; of close ones the last is kept."""
-    if len(seen_ns) > 1 and 0 <= stamp_ns - seen_ns[-2] < _STILL_NS:
-        seen_ns[-1] = stamp_ns
-    else:
-        seen_ns.append(stamp_ns)
+        edge.still_ns.append(stamp_ns)
 
 
 def _climb(edges: list[Edge], stamp_ns: int) -> NDArray[np.float64] | None:

@@ -26,7 +26,7 @@ from mapmyworld.simulation.message_streams import Messages, Stream
 from mapmyworld.simulation.robot_settings import SimulationSettings
 from mapmyworld.simulation.textures import EDGE, TextureSet, texture_set
 from mapmyworld.simulation.world import Scene
-from mapmyworld.types import CameraInfoMessage, CameraModel
+from mapmyworld.types import CameraModel
 
 COLOUR_TOPIC = "/camera_ir/rgb/image_raw"
 DEPTH_TOPIC = "/camera_ir/depth/image_raw"
@@ -169,6 +169,8 @@ def camera_stream(
     s = settings.camera
     gains = exposure_at(schedule.times, s, random_of(seed, "exposure"))
     base_from_optical = robot.base_from_optical(settings)
+    k = robot.intrinsics(settings)
+    model = CameraModel(s.width, s.height, k, "plumb_bob", np.zeros(5), np.eye(4))
     suffixes = ("/compressed", "/compressedDepth") if s.compressed else ("", "")
     topics = (INFO_TOPIC, COLOUR_TOPIC + suffixes[0], DEPTH_TOPIC + suffixes[1])
 
@@ -180,19 +182,13 @@ def camera_stream(
         colour = disturb_colour(view.colour, float(gains[index]), s, random)
         stamp_ns = int(schedule.stamps_ns[index])
         made = (
-            _info(settings, stamp_ns),
+            model.info(stamp_ns, robot.OPTICAL),
             colour_message(colour, stamp_ns, s),
             depth_message(depth, stamp_ns, s),
         )
         return list(zip(topics, made, strict=True))
 
     return Stream(topics, schedule, messages)
-
-
-def _info(settings: SimulationSettings, stamp_ns: int) -> CameraInfoMessage:
-    size, k = (settings.camera.width, settings.camera.height), robot.intrinsics(settings)
-    camera = CameraModel(*size, k, "plumb_bob", np.zeros(5), np.eye(4))
-    return camera.info(stamp_ns, robot.OPTICAL)
 
 
 def _optical_rays(settings: SimulationSettings) -> NDArray[np.float32]:

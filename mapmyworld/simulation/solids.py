@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
+
+Extent = tuple[float, float, float, float]
+"""x_min, y_min, x_max, y_max, metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +93,13 @@ def wall(
     return tuple(pieces)
 
 
+def walls_around(extent: Extent, texture: str) -> tuple[Box, ...]:
+    """Four walls around `x_min, y_min, x_max, y_max`, metres, from the lower left corner on."""
+    x0, y0, x1, y1 = extent
+    corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0))
+    return tuple(box for a, b in pairwise(corners) for box in wall(a, b, texture))
+
+
 GLASS = "glass"  # the texture's name that lets light, and most laser beams, through
 
 
@@ -123,9 +134,7 @@ def post_faces(post: Post) -> Faces:
     return _prism(outline, post.bottom, post.top, post.texture, 0.0, stretch=False)
 
 
-def floor_faces(
-    extent: tuple[float, float, float, float], height: float, texture: str, *, up: bool
-) -> Faces:
+def floor_faces(extent: Extent, height: float, texture: str, *, up: bool) -> Faces:
     """A horizontal sheet over `x_min, y_min, x_max, y_max`, seen from above or from below."""
     x0, y0, x1, y1 = extent
     outline = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.simulation.solids import (
     GLASS,
     Box,
+    Extent,
     Faces,
     Post,
     box_faces,
@@ -25,8 +26,7 @@ from mapmyworld.types import Mesh
 class Ground:
     """A rectangle of floor, with a ceiling above it where there is one."""
 
-    extent: tuple[float, float, float, float]
-    """x_min, y_min, x_max, y_max, metres."""
+    extent: Extent
     floor: str
     ceiling: str = ""
     """Texture; empty = open sky."""

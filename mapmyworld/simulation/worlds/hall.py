@@ -7,10 +7,10 @@ Along the walls, seen from a robot that drives round them: pictures of which eac
 
 from __future__ import annotations
 
-from mapmyworld.simulation.solids import Box, wall
+from mapmyworld.simulation.solids import Box, walls_around
 from mapmyworld.simulation.world import Ground, World
 
-_WEST, _SOUTH, _EAST, _NORTH = -2.5, -2.0, 11.5, 7.0
+_WEST, _SOUTH, _EAST, _NORTH = _EXTENT = -2.5, -2.0, 11.5, 7.0
 _PICTURE = (1.1, 0.9)  # m, width and height
 _DEPTH = 0.02  # m by which a picture stands off the wall
 _SPACING = 1.3  # m between the middles of neighbours
@@ -40,10 +40,7 @@ HALL = World(
     name="hall",
     about="14 x 9 m, bare: rich, featureless and exactly repeating sections of wall",
     solids=(
-        *wall((_WEST, _SOUTH), (_EAST, _SOUTH), "plain:cream"),
-        *wall((_EAST, _SOUTH), (_EAST, _NORTH), "plain:cream"),
-        *wall((_EAST, _NORTH), (_WEST, _NORTH), "plain:cream"),
-        *wall((_WEST, _NORTH), (_WEST, _SOUTH), "plain:cream"),
+        *walls_around(_EXTENT, "plain:cream"),
         *_along_x(-1.5, _south, [f"picture:{n}" for n in range(1, 5)]),
         *_along_x(6.5, _south, _SAME * 2),
         *_along_y(_east, -1.0, [f"picture:{n}" for n in range(11, 15)]),
@@ -53,7 +50,7 @@ HALL = World(
         *_along_y(_west, -1.0, [f"picture:{n}" for n in range(31, 33)]),
         *_along_y(_west, 4.5, _SAME),
     ),
-    grounds=(Ground((_WEST, _SOUTH, _EAST, _NORTH), "plain:grey", "plain:white"),),
+    grounds=(Ground(_EXTENT, "plain:grey", "plain:white"),),
     routes={
         "default": "9,0 9,5 0,5 0,0",
         "short": "9,0 9,5 0,5 0,0 4,0",

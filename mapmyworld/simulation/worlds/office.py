@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mapmyworld.simulation.solids import Box, Opening, Post, wall
+from mapmyworld.simulation.solids import Box, Opening, Post, wall, walls_around
 from mapmyworld.simulation.world import Ground, World
 
 _WEST, _EAST, _SOUTH, _NORTH = -6.0, 36.0, 0.0, 20.5  # m, centre lines of the corridors
@@ -54,7 +54,7 @@ _OUT_W, _OUT_E = _WEST - _HALF, _EAST + _HALF
 _OUT_S, _OUT_N = _SOUTH - _HALF, _NORTH + _HALF
 _IN_W, _IN_E = _WEST + _HALF, _EAST - _HALF
 _IN_S, _IN_N = _SOUTH + _HALF, _NORTH - _HALF
-_FAR_W, _FAR_E, _FAR_S, _FAR_N = _OUT_W - _DEEP, _OUT_E + _DEEP, _OUT_S - _DEEP, _OUT_N + _DEEP
+_EXTENT = _OUT_W - _DEEP, _OUT_S - _DEEP, _OUT_E + _DEEP, _OUT_N + _DEEP
 
 _ROWS = (
     *_row((_OUT_W, _OUT_S), _OUT_E - _OUT_W, 0, 0),
@@ -68,10 +68,7 @@ _ROWS = (
 )
 
 _SHELL = (
-    *wall((_FAR_W, _FAR_S), (_FAR_E, _FAR_S), _WALL),
-    *wall((_FAR_E, _FAR_S), (_FAR_E, _FAR_N), _WALL),
-    *wall((_FAR_E, _FAR_N), (_FAR_W, _FAR_N), _WALL),
-    *wall((_FAR_W, _FAR_N), (_FAR_W, _FAR_S), _WALL),
+    *walls_around(_EXTENT, _WALL),
     *wall((_IN_W, _IN_S + _DEEP), (_IN_E, _IN_S + _DEEP), _WALL),
     *wall((_IN_E, _IN_N - _DEEP), (_IN_W, _IN_N - _DEEP), _WALL),
 )
@@ -100,7 +97,7 @@ OFFICE = World(
     name="office",
     about="56 x 35 m: a loop of corridors, 125 m round, between equal rooms behind equal doors",
     solids=(*_ROWS, *_SHELL, *_LANDMARKS),
-    grounds=(Ground((_FAR_W, _FAR_S, _FAR_E, _FAR_N), "carpet", "plain:white"),),
+    grounds=(Ground(_EXTENT, "carpet", "plain:white"),),
     routes={
         "default": f"{_EAST},{_SOUTH} {_EAST},{_NORTH} {_WEST},{_NORTH} {_WEST},{_SOUTH} 0,0",
         "second": (

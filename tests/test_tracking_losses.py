@@ -16,8 +16,6 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.graph.motion_chains import kept_nodes
-from mapmyworld.kernels.laser_motion import is_degenerate
-from mapmyworld.odometry.degeneracy import has_open_heading
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.odometry.unobserved_motion import UnobservedMotion
 from mapmyworld.places.laser_candidates import candidate_pairs
@@ -286,19 +284,6 @@ def test_a_blind_node_stands_for_no_place_and_an_empty_submap_closes_nothing() -
     blind = replace(nodes, scans=scan_set([prepare_scan(NOTHING, CONFIG.registration)] * 82))
     tried = compare_places(blind, [(0, 60), (5, 81)], CONFIG)
     assert [c.accepted for c in tried] == [False, False]
-
-
-def test_a_circle_says_nothing_of_the_heading() -> None:
-    """A cover 0.3 m around the laser fits itself however it is turned."""
-    angles = np.linspace(-np.pi / 2, np.pi / 2, 181)
-    normals = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    radius = 0.3
-    arms = radius * (np.cos(angles) * normals[:, 1] - np.sin(angles) * normals[:, 0])
-    rows = np.column_stack([normals, arms])
-    round_about = rows.T @ rows / 0.02**2
-    assert has_open_heading(round_about)
-    assert not is_degenerate(round_about)
-    assert not has_open_heading(round_about + np.diag([0.0, 0.0, 1e4]))
 
 
 def test_a_loss_makes_a_node_at_once_and_shares_no_error() -> None:

@@ -20,7 +20,6 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.kernels.laser_motion import is_degenerate
-from mapmyworld.odometry.degeneracy import has_open_heading
 from mapmyworld.places.laser_closures import closure_information
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, place_around
@@ -81,7 +80,7 @@ def _reviewed(
     a, b = row[c.from_id], row[c.to_id]
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     match = match_submaps(nodes, a, b, guess, config)
-    weak = is_degenerate(match.information) or has_open_heading(match.information)
+    weak = is_degenerate(match.information)
     one, other = place_around(nodes, a, config), place_around(nodes, b, config)
     agreement = one.agreement_with(other, match.pose).evidence
     before = one.agreement_with(other, matrix_to_planar(c.i_from_j)).evidence

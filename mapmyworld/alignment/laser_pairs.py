@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-from collections import defaultdict
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -16,11 +13,10 @@ from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.places.stored_scans import BLOCK
 from mapmyworld.registration.scan_matching import FINE
+from mapmyworld.registration.scan_search import APART
 
 _IN_TIME = (1, 2, 4, 8)  # scans ahead that each scan is compared with
 _GAP = _IN_TIME[-1] + 1  # scans between two that are of different visits
-_SAME_PLACE, _SAME_HEADING = 0.5, 0.5  # m and rad within which a place is visited again
-_AROUND = tuple(itertools.product((-1, 0, 1), repeat=2))
 
 
 def among_first_revisits(poses: NDArray[np.float64], revisits: int) -> NDArray[np.bool_]:
@@ -28,18 +24,12 @@ def among_first_revisits(poses: NDArray[np.float64], revisits: int) -> NDArray[n
 
     Their number grows with the area that was driven over, not with how often it was.
     """
-    cells = np.floor(poses[:, :2] / _SAME_PLACE).astype(np.int64).tolist()
-    taken: dict[tuple[int, int], list[int]] = defaultdict(list)
-    first = np.zeros(len(poses), np.bool_)
-    for k, (column, row) in enumerate(cells):
-        around = np.array(sorted(i for c, r in _AROUND for i in taken[column + c, row + r]), int)
-        around = around[around <= k - _GAP]
-        apart = np.hypot(*(poses[around, :2] - poses[k, :2]).T)
-        turn = np.abs(wrap_angle(poses[around, 2] - poses[k, 2]))
-        before = around[(apart < _SAME_PLACE) & (turn < _SAME_HEADING)]
+    tree, first = cKDTree(poses[:, :2]), np.zeros(len(poses), np.bool_)
+    for k, pose in enumerate(poses):
+        near = tree.query_ball_point(pose[:2], APART[0], return_sorted=True)
+        before = np.array([i for i in near if i <= k - _GAP and first[i]], np.int64)
+        before = before[np.abs(wrap_angle(poses[before, 2] - pose[2])) < APART[1]]
         first[k] = np.count_nonzero(np.diff(before, prepend=-_GAP - 1) > _GAP) < revisits
-        if first[k]:
-            taken[column, row].append(k)
     return first
 
 

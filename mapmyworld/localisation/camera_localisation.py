@@ -8,9 +8,11 @@ import numpy as np
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array
+from mapmyworld.geometry.planar import covariance_from_planar
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint, se3_exp, se3_log
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation.known_images import KnownImages, Sighting
+from mapmyworld.odometry.unobserved_motion import ANYWHERE
 from mapmyworld.registration.scan_search import APART
 from mapmyworld.registration.views import View
 from mapmyworld.sensing import Plan
@@ -21,7 +23,7 @@ from mapmyworld.types.localisation import Estimate, State
 
 _MISSES = 4  # images in a row that ought to be recognised and are not, before the place is lost
 _DRIFT = np.array([0.02, 0.02, 0.02, 0.03, 0.03, 0.03])  # rad and m a metre, beside the tracker's
-_UNKNOWN = np.diag([1.0, 1.0, 10.0, 1e6, 1e6, 1.0])  # rad^2 and m^2
+_UNKNOWN = covariance_from_planar(np.diag(ANYWHERE), off_plane=1.0)  # rad^2 and m^2
 
 
 class CameraLocaliser:

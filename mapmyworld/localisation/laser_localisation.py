@@ -32,6 +32,7 @@ from mapmyworld.localisation.observation import (
     scan_of,
 )
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
+from mapmyworld.odometry.unobserved_motion import ANYWHERE
 from mapmyworld.registration.scan_matching import FINE, Match
 from mapmyworld.registration.scan_search import APART, MARGIN
 from mapmyworld.types import Frame
@@ -54,7 +55,7 @@ class LaserLocaliser:
         self._submap = config.places.laser_submap
         self._tracker = LaserTracker(config)
         self._global = GlobalLocalisation(place, config)
-        self._pose, self._covariance = np.zeros(3), np.diag([1e6, 1e6, 10.0])
+        self._pose, self._covariance = np.zeros(3), np.diag(ANYWHERE)
         self._tracked: Array | None = None
         self._state = State.LOST
         self._waiting: deque[Moment] = deque(maxlen=_REMEMBERED)

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mapmyworld.kernels.laser_motion import FAINT
 from mapmyworld.odometry.tracking_losses import NAMED
 
 _LEAST = 1.0  # m of path: less is no section, and no end of one
-_TURN = 0.05  # rad of uncertainty from which a heading counts as unknown
 
 
 @dataclass(slots=True)
@@ -59,9 +54,3 @@ class DegenerateSections:
             "relies on odometry"
             for s in sorted(longest, key=lambda s: s.start_ns)
         )
-
-
-def has_open_heading(information: NDArray[np.float64]) -> bool:
-    """Whether a match (3, 3) hardly knows the heading, as where all that is seen is a circle."""
-    known = information + FAINT * np.eye(3)
-    return bool(np.linalg.inv(known)[2, 2] > _TURN**2)

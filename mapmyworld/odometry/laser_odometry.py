@@ -30,7 +30,6 @@ from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedS
 from mapmyworld.types import Frame, Scan
 
 _SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
-_FIRST = np.full(3, 1e-6)  # variances of the first pose, which is the origin
 _EMPTY = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32), 0.0, 0.0)
 
 
@@ -160,7 +159,7 @@ class LaserTracker:
         if self._first_ns is None:
             self._first_ns = frame.stamp_ns
             self._time.begin(frame.stamp_ns, np.zeros(3))
-            tracked = LaserMotion(np.zeros(3), np.diag(_FIRST), "first", 1.0)
+            tracked = LaserMotion(np.zeros(3), STEP_VARIANCE * np.eye(3), "first", 1.0)
         else:
             tracked = self._follow(frame, scan, recorded)
         if recorded is not None or self._time.goes_on(frame.stamp_ns):

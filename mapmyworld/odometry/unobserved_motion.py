@@ -20,7 +20,8 @@ GOES_ON = 1.0
 """Seconds for which a motion is expected to go on as it was, and the next is compared with it."""
 FARTHEST = 1e3
 """Metres: farther than maps reach."""
-_OPEN = np.square([FARTHEST, FARTHEST, np.pi])  # m^2, m^2, rad^2; any heading
+ANYWHERE = np.square([FARTHEST, FARTHEST, np.pi])
+"""m^2, m^2, rad^2 of a pose that is not known at all."""
 _SUBMAP = 5.0  # m about that a submap shows around a robot
 
 
@@ -103,7 +104,7 @@ class UnobservedMotion:
         seconds = np.asarray(seconds, np.float64)[..., None]
         smooth = self._acceleration * seconds**3 / 3.0
         varied = 2.0 * self._square_velocity * seconds**2
-        return np.minimum(np.minimum(smooth, varied), _OPEN)
+        return np.minimum(np.minimum(smooth, varied), ANYWHERE)
 
     def _leaves(self, seconds: ArrayLike) -> NDArray[np.bool_]:
         """(...) whether after so long (...) the robot may be beyond what a submap shows."""

@@ -16,7 +16,6 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.kernels.laser_motion import is_degenerate
-from mapmyworld.odometry.degeneracy import has_open_heading
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import (
     EVERYWHERE,
@@ -228,7 +227,7 @@ def _verdict(
     if metres > APART[0] or radians > APART[1]:
         numbers = {"metres": metres, "degrees": float(np.degrees(radians))}
         return Verdict(Judge.LASER, False, Why.NOT_CONVERGED, numbers)
-    if is_degenerate(match.information) or has_open_heading(match.information):
+    if is_degenerate(match.information):
         return Verdict(Judge.LASER, False, Why.DEGENERATE)
     numbers |= {"overlap": source.overlap, "residual": source.residual}
     return Verdict(Judge.LASER, True, Why.SCANS_ALIGNED, numbers)

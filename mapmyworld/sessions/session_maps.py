@@ -22,7 +22,6 @@ from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, NodeData
 from mapmyworld.types.frames import nodes_as_frames
 
 _HELD = information_from_planar(np.diag([1e6, 1e6, 1e8]))  # 1 mm and 0.1 mrad
-_RIGID = information_from_planar(np.diag([1e8, 1e8, 1e10]))  # 0.1 mm and 0.01 mrad a step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +124,7 @@ def _ties(nodes: list[Node]) -> list[Judged]:
     steps = [
         Judged(
             a.id, b.id, ConstraintKind.NEIGHBOUR,
-            between(a.tracked_from_base, b.tracked_from_base), _RIGID,
+            between(a.tracked_from_base, b.tracked_from_base), _HELD,
         )
         for a, b in itertools.pairwise(nodes)
     ]  # fmt: skip

@@ -190,7 +190,7 @@ def test_other_visits_are_looked_for_among_some_only() -> None:
     poses = np.tile(lap, (3, 1))
     among = np.arange(300) < 100
     pairs = neighbour_pairs(poses, 4.0, 4, among=among)
-    afar = pairs[np.diff(pairs, axis=1)[:, 0] > 8]
+    afar = pairs[np.diff(pairs, axis=1)[:, 0] > 12]  # nearer ones are of one visit
     assert len(afar) >= 200
     assert among[afar].any(axis=1).all()
 

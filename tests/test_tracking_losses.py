@@ -161,6 +161,20 @@ class Unsure:
         return [LaserMotion(np.zeros(3), np.eye(3), "lost", 0.0, is_open=True) for _ in frames]
 
 
+def test_a_match_with_the_submap_of_before_knows_the_way_across_a_blind_section() -> None:
+    """The last motion takes no more than that: with half a turn, a hall's other end would do."""
+    scans = [cast(pose, WALLS, k) for k, pose in enumerate(LEFT)]
+    blind = range(15, 33)
+    scans = [NOTHING if k in blind else scan for k, scan in enumerate(scans)]
+    tracked, _ = follow(scans, None, (0, 0.0))
+    assert not any(moment.is_tracking_loss for moment in tracked)
+    assert tracked[blind.stop].verdict == "matched"
+    across = sum(tracked[k].covariance for k in range(blind.start, blind.stop + 1))
+    assert np.sqrt(np.diag(across)).max() < 0.3
+    error = between_planar(between_planar(LEFT[0], LEFT[-1]), tracked[-1].pose)
+    assert np.hypot(*error[:2]) < 0.02
+
+
 def test_scans_wait_for_a_decision_in_bounded_memory() -> None:
     follower = object.__new__(LaserFollower)
     follower._tracker = Unsure()  # type: ignore[assignment]

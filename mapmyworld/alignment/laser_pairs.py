@@ -15,8 +15,8 @@ from mapmyworld.places.stored_scans import BLOCK
 from mapmyworld.registration.scan_matching import FINE
 from mapmyworld.registration.scan_search import APART
 
-_IN_TIME = (1, 2, 4, 8)  # scans ahead that each scan is compared with
-_GAP = _IN_TIME[-1] + 1  # scans between two that are of different visits
+_IN_TIME = (1, 2, 4, 8, 12)  # scans ahead that each scan is compared with
+_GAP = 9  # scans between two that are of different visits
 
 
 def among_first_revisits(poses: NDArray[np.float64], revisits: int) -> NDArray[np.bool_]:

@@ -70,8 +70,6 @@ class LaserTracker:
         self._time = UnobservedMotion()
         self._last_odometry: Array | None = None
         self._first_ns: int | None = None
-        self._unmatched_steps = np.zeros(3)
-        """Variances of the steps since the last scan that was matched with the same submap."""
         self.verdicts: Counter[str] = Counter()
         odometry, matching = config.odometry, config.registration
         self._settings = np.array([
@@ -108,8 +106,6 @@ class LaserTracker:
                 tracked.append(LaserMotion(out[k, :3], covariances[k], "matched", float(out[k, 3])))
                 self._degenerate.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
                 self._time.take(frames[k].stamp_ns, out[k, :3])
-            if last > first:
-                tracked[first].covariance[:] += self._taken_unmatched()
             self._faults.steps += int(np.isfinite(recorded[first:last, 0]).sum())
             if last < len(frames):
                 step = None if np.isnan(recorded[last, 0]) else recorded[last]
@@ -181,15 +177,13 @@ class LaserTracker:
         if recorded is not None:
             reckon(self._wheels, recorded)
         if recorded is None or frame.is_interpolated:  # expected to go on as it did
-            step, unseen = recorded, self._unmatched_steps
+            step = recorded
             if step is None:
                 step = self._time.step(frame.stamp_ns, self._state[3:6])
-                unseen = self._time.variances(frame.stamp_ns)
-                if not self._time.is_placed:
-                    self._unmatched_steps = unseen
             predicted = compose_planar(self._state[:3], step)
-            grown = motion_variances(step, 1.0, 0.05, np.ones(2))
-            variances = grown + unseen
+            variances = grown = motion_variances(step, 1.0, 0.05, np.ones(2))
+            if recorded is None:
+                variances = grown + self._time.variances(frame.stamp_ns)
         else:
             predicted, variances = self._wheels[8:11].copy(), self._reckoned()
             grown = np.maximum(variances - before, STEP_VARIANCE)
@@ -246,7 +240,6 @@ class LaserTracker:
                 prior.pose, np.diag(grown), "lost", overlap, fits_nothing=is_first, is_open=True
             )
         is_new = not self._keyframes.count
-        self._unmatched_steps = np.zeros(3) if is_new else self._unmatched_steps + grown
         return LaserMotion(
             prior.pose, np.diag(grown), "odometry only", overlap, refuted,
             fits_nothing=is_first or is_new,
@@ -255,7 +248,6 @@ class LaserTracker:
     def _lost(self, frame: Frame, pose: Array, variances: Array, overlap: float) -> LaserMotion:
         """The first scan of a new submap, which nothing ties to the one before."""
         self._keyframes.forget()
-        self._unmatched_steps = np.zeros(3)
         self._lost_ns.append(frame.stamp_ns)
         return LaserMotion(pose, np.diag(variances), "lost", overlap, is_tracking_loss=True)
 
@@ -281,13 +273,7 @@ class LaserTracker:
             moved, match.information, variances,
             self._odometry.keyframe_distance, self._odometry.keyframe_angle, recorded is not None,
         )  # fmt: skip
-        covariance += self._taken_unmatched()
         return LaserMotion(match.pose, covariance, verdict, match.overlap)
-
-    def _taken_unmatched(self) -> Array:
-        """(3, 3) of the steps before, which a scan matched with the same submap leaves open."""
-        steps, self._unmatched_steps = self._unmatched_steps, np.zeros(3)
-        return np.diag(steps)
 
     def _matched(self, scan: PreparedScan, prior: Prior) -> tuple[Match, str]:
         """The match near the prediction, or where that contradicts it, the best of several."""

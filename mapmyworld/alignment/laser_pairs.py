@@ -13,10 +13,10 @@ from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.places.stored_scans import BLOCK
 from mapmyworld.registration.scan_matching import FINE
-from mapmyworld.registration.scan_search import APART
 
 _IN_TIME = (1, 2, 4, 8, 12)  # scans ahead that each scan is compared with
 _GAP = 9  # scans between two that are of different visits
+_SAME_PLACE, _SAME_HEADING = 0.5, 0.5  # m and rad within which a place is visited again
 
 
 def among_first_revisits(poses: NDArray[np.float64], revisits: int) -> NDArray[np.bool_]:
@@ -26,9 +26,9 @@ def among_first_revisits(poses: NDArray[np.float64], revisits: int) -> NDArray[n
     """
     tree, first = cKDTree(poses[:, :2]), np.zeros(len(poses), np.bool_)
     for k, pose in enumerate(poses):
-        near = tree.query_ball_point(pose[:2], APART[0], return_sorted=True)
+        near = tree.query_ball_point(pose[:2], _SAME_PLACE, return_sorted=True)
         before = np.array([i for i in near if i <= k - _GAP and first[i]], np.int64)
-        before = before[np.abs(wrap_angle(poses[before, 2] - pose[2])) < APART[1]]
+        before = before[np.abs(wrap_angle(poses[before, 2] - pose[2])) < _SAME_HEADING]
         first[k] = np.count_nonzero(np.diff(before, prepend=-_GAP - 1) > _GAP) < revisits
     return first
 

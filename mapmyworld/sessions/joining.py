@@ -16,7 +16,6 @@ from mapmyworld.localisation.known_images import KnownImages
 from mapmyworld.places.laser_nodes import held_by, load_node_scans, nodes_at
 from mapmyworld.places.session_closures import closures_between
 from mapmyworld.places.session_joining import Joint, SessionPlaces, find_joints, locate_session
-from mapmyworld.registration.scan_search import APART
 from mapmyworld.registration.views import View
 from mapmyworld.sessions.copying import Placed
 from mapmyworld.sessions.session_maps import SessionMap
@@ -27,6 +26,7 @@ from mapmyworld.types import Judged, Poses, Progress
 _WITNESSES = 80  # images all over a session map that are looked for in the earlier one
 _SUPPORT = 6  # sightings that must report one joint, at least
 _MAJORITY = 3.0  # times more that must agree than contradict
+_AGREES = (0.4, 0.15)  # m and rad within which a sighting bears a joint out
 
 
 def _located_by_images(a: SessionMap, b: SessionMap, config: Config) -> Array | None:
@@ -68,8 +68,8 @@ def _views(session_map: SessionMap, images: KnownImages) -> Iterator[tuple[int, 
 def _agreeing(joint: Array, own: Array, seen: Array) -> int:
     """How many sightings (K, 4, 4) of `own` poses a joint explains."""
     off = between(joint @ own, seen)
-    near = np.linalg.norm(off[:, :3, 3], axis=1) < APART[0]
-    return int(np.count_nonzero(near & (rotation_angle(off) < APART[1])))
+    near = np.linalg.norm(off[:, :3, 3], axis=1) < _AGREES[0]
+    return int(np.count_nonzero(near & (rotation_angle(off) < _AGREES[1])))
 
 
 def join_session_maps(

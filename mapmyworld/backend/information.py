@@ -142,7 +142,9 @@ class Information:
         """At the graph's values; raises `NotPositiveDefiniteError`."""
         variables = Variables.of(graph.values)
         order = variables.elimination(graph.factors)
-        normal = normal_matrix(_whitened(graph, variables), order)
+        # In one expression: nothing of gtsam's is kept while SuperLU makes its factors.
+        linear = graph.factors.linearize
+        normal = normal_matrix(variables.jacobian(linear(graph.values))[0], order)
         return Information(graph.values, variables, Factorised.of(normal, order))
 
     def marginals(self, keys: Index) -> list[Array]:
@@ -162,8 +164,3 @@ def information_of(system: System, poses: Array) -> Information:
     Raises `NotPositiveDefiniteError` where the edges leave a node undetermined.
     """
     return Information.of(factor_graph(system, poses))
-
-
-def _whitened(graph: FactorGraph, variables: Variables) -> csr_array:
-    """The whitened derivatives (R, n) at a graph's values; gtsam's own ones are not kept."""
-    return variables.jacobian(graph.factors.linearize(graph.values))[0]

@@ -177,13 +177,13 @@ class LaserTracker:
         if recorded is not None:
             reckon(self._wheels, recorded)
         if recorded is None or frame.is_interpolated:  # expected to go on as it did
-            step = recorded
+            step, unseen = recorded, np.zeros(3)
             if step is None:
                 step = self._time.step(frame.stamp_ns, self._state[3:6])
+                unseen = self._time.variances(frame.stamp_ns)
             predicted = compose_planar(self._state[:3], step)
-            variances = grown = motion_variances(step, 1.0, 0.05, np.ones(2))
-            if recorded is None:
-                variances = grown + self._time.variances(frame.stamp_ns)
+            grown = motion_variances(step, 1.0, 0.05, np.ones(2))
+            variances = grown + unseen
         else:
             predicted, variances = self._wheels[8:11].copy(), self._reckoned()
             grown = np.maximum(variances - before, STEP_VARIANCE)

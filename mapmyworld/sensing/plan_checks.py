@@ -96,8 +96,10 @@ def check_streams(
     for topic in draft.survey.info.topics:
         if topic.count == 0 and topic.kind is not MessageKind.OTHER:
             draft.warnings.append(f"{topic.topic} ({topic.kind}) is listed but has no message")
-    samples = draft.survey.streams[scan.topic].samples if scan is not None else []
-    scans = [m for m in samples if isinstance(m, LaserScanMessage)]
-    if scan is not None and (nan := sum(int(np.isnan(s.ranges).sum()) for s in scans)):
-        count = f"{nan:,} of {sum(len(s.ranges) for s in scans):,}"
+    if scan is None:
+        return
+    samples = draft.survey.streams[scan.topic].samples
+    ranges = [m.ranges for m in samples if isinstance(m, LaserScanMessage)]
+    if nan := sum(int(np.isnan(some).sum()) for some in ranges):
+        count = f"{nan:,} of {sum(map(len, ranges)):,}"
         draft.warnings.append(f"{scan.topic}: {count} sampled ranges are NaN: left out")

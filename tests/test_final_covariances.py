@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from formats.database import MemoryMap
-from mapmyworld.alignment.joint_alignment import FAINT, without_open
+from mapmyworld.alignment.joint_alignment import without_open
 from mapmyworld.alignment.joint_covariance import (
     as_contradicted,
     of_anchors,
@@ -25,6 +25,7 @@ from mapmyworld.evaluation.trajectory_error import ate
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import compose_planar, covariance_from_planar, planar_to_matrix
 from mapmyworld.graph.covariance import marginal_covariances
+from mapmyworld.kernels.laser_motion import FAINT
 from mapmyworld.kernels.wheel_model import learn, new_wheels, reckon
 from mapmyworld.memory_log import MemoryLog
 from mapmyworld.odometry.sweep_noise import sweep_variances

@@ -9,11 +9,13 @@ import pytest
 from laser_rooms import WALLS, cast
 from sample_verdicts import REJECTED
 
-from mapmyworld.alignment.joint_alignment import align_jointly, share_in_pairs
-from mapmyworld.alignment.joint_system import Statements, joint_system
+from mapmyworld.alignment.joint_alignment import align_jointly, counted_once, pair_edges
+from mapmyworld.alignment.joint_system import Statements, joint_system, node_motions
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
-from mapmyworld.registration.scan_matching import prepare_scan, scan_set
+from mapmyworld.kernels.laser_motion import FAINT
+from mapmyworld.kernels.scan_alignment import pair_systems
+from mapmyworld.registration.scan_matching import FINE, prepare_scan, scan_set
 from mapmyworld.types import (
     ConstraintKind,
     ImageMatch,
@@ -58,6 +60,7 @@ NODES = [
     for k, i in enumerate((5, 6, 7, 8))
 ]
 CHOSEN = np.arange(4)
+MOTIONS = node_motions(NODES, CHOSEN, GIVEN)
 
 
 def test_scans_state_nothing_that_their_alignment_does_not_see() -> None:
@@ -70,7 +73,7 @@ def test_scans_state_nothing_that_their_alignment_does_not_see() -> None:
 
 def test_motions_closures_and_statements_are_edges_of_one_system() -> None:
     stated, held = Statements.of(NODES, GIVEN), np.zeros(5, np.bool_)
-    system, every = joint_system(NODES, CHOSEN, GIVEN, stated, AT, held)
+    system, every = joint_system(NODES, CHOSEN, GIVEN, MOTIONS, stated, AT, held)
     ends = list(zip(system.tails.tolist(), system.heads.tolist(), strict=True))
     stated_ends, motions, closures = ends[:4], ends[4:7], ends[7:]
     assert stated_ends == [(1, 2), (0, 3), (2, 4), (5, 1)]  # four nodes, the landmark, the map
@@ -88,7 +91,8 @@ def test_landmarks_move_with_what_sees_them_and_priors_move_the_map() -> None:
         Poses(np.array([-2]), planar_to_matrix(AT[4:])),
     )
     assert np.allclose(stated.places_of(landmark), AT[4:])
-    system, every = joint_system(vague, CHOSEN, GIVEN[2:3], stated, AT, np.zeros(5, np.bool_))
+    motions = node_motions(vague, CHOSEN, GIVEN[2:3])
+    system, every = joint_system(vague, CHOSEN, GIVEN[2:3], motions, stated, AT, np.zeros(5, bool))
     none = np.zeros((0, 2), np.int64)
     solved = align_jointly(scan_set([]), system, every, none, [0.1] * 8, Config().registration, 1)
     prior, seen = solved.poses[1], between_planar(solved.poses[2], solved.poses[4])
@@ -97,28 +101,23 @@ def test_landmarks_move_with_what_sees_them_and_priors_move_the_map() -> None:
     np.testing.assert_array_equal(solved.poses[5], 0.0)
 
 
-def test_motions_count_by_their_share_and_nothing_else_does() -> None:
-    stated, held = Statements.of(NODES, GIVEN), np.zeros(5, np.bool_)
-    whole, _ = joint_system(NODES, CHOSEN, GIVEN, stated, AT, held)
-    some, _ = joint_system(NODES, CHOSEN, GIVEN, stated, AT, held, share=0.25)
-    shares = np.ones(len(whole.tails))
-    shares[4:7] = 0.25
-    np.testing.assert_allclose(some.information, shares[:, None, None] * whole.information)
-
-
-def test_motions_that_state_more_than_pairs_of_their_scans_know_count_less() -> None:
+@pytest.mark.parametrize("walls", [WALLS, np.array([[-99.0, -1.0, 99.0, -1.0]])])
+def test_motions_count_once_where_pairs_compare_the_same_points(walls: np.ndarray) -> None:
+    """What they know of odometry, along a bare wall, no pair measures anew."""
     config = Config()
     poses = np.stack([np.linspace(-2.0, -1.0, 5), np.full(5, 0.5), np.zeros(5)], axis=-1)
     scans = scan_set(
-        [prepare_scan(cast(p, WALLS, k), config.registration) for k, p in enumerate(poses)]
+        [prepare_scan(cast(p, walls, k), config.registration) for k, p in enumerate(poses)]
     )
     pairs = np.stack([np.arange(4), np.arange(1, 5)], axis=-1)
-
-    def share(information: float) -> float:
-        stated = np.tile(information * np.eye(3), (4, 1, 1))
-        return share_in_pairs(scans, poses, pairs, stated, config)
-
-    assert share(1.0) == 1.0  # they state less
-    assert 0.0 < share(1e9) < 1.0
-    assert share(2e9) == pytest.approx(0.5 * share(1e9))
-    assert share_in_pairs(scans, poses, pairs[:0], np.zeros((0, 3, 3)), config) == 1.0
+    systems = np.zeros((4, 15))
+    reach, scale = FINE[0], config.registration.residual_share * FINE[0]
+    pair_systems(0, 4, scans.rows, scans.bounds, scans.origins, pairs, poses, reach, scale, systems)
+    known = pair_edges(poses, pairs, systems, config.registration)[3] - FAINT * np.eye(3)
+    by_wheels = np.diag([400.0, 0.0, 0.0]) if len(walls) == 1 else np.zeros((3, 3))
+    faint = 1e-6 * np.eye(3)
+    for factor in (1.0, 10.0):
+        stated = factor * known + by_wheels + faint
+        found = counted_once(scans, poses, pairs, stated, config)
+        np.testing.assert_allclose(found, known + by_wheels, rtol=0.02, atol=3e-4 * known.max())
+    assert counted_once(scans, poses, pairs[:0], np.zeros((0, 3, 3)), config).shape == (0, 3, 3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -194,6 +195,28 @@ def test_a_room_is_known_in_every_direction_a_corridor_only_across() -> None:
     assert in_hall.information[0, 0] < 1e-3 * in_hall.information[1, 1]
 
 
+@pytest.mark.parametrize("noise", [0.003, 0.01, 0.03])
+def test_the_noise_of_normals_is_no_knowledge_along_a_corridor(noise: float) -> None:
+    """Their squared errors add up, however many they are; where a room has corners, they count."""
+    which, poses = np.zeros(1, np.int64), np.zeros((1, 3))
+    shares = []
+    for room in (CORRIDOR, BOX):
+        seen = [
+            prepare_scan(room_scan(np.zeros(3), room, seed=k, noise=noise, reach=4.5), CONFIG)
+            for k in range(40)
+        ]
+        found, normals = np.zeros((3, 3)), np.zeros((2, 2))
+        for target, scan in itertools.pairwise(seen):
+            targets = scan_set([target])
+            match = match_scan(scan, targets, which, poses, np.zeros(3), CONFIG)
+            found += match.information
+            rows = target.rows[:, 2:4].astype(np.float64)
+            normals += rows.T @ rows
+        shares.append((found[0, 0] / found[1, 1]) / (normals[0, 0] / normals[1, 1]))
+    assert shares[0] < 0.35
+    assert shares[1] == pytest.approx(1.0, rel=0.1)
+
+
 def test_a_prior_holds_what_the_match_is_degenerate() -> None:
     """Along a corridor the pose stays where the prior puts it, and the match takes no credit."""
     hall = scan_set([prepared([0.0, 0.0, 0.0], room=CORRIDOR)])
@@ -283,7 +306,7 @@ def test_a_pair_seen_from_either_end_is_the_same() -> None:
     a, b = np.array([0.2, 0.1, 0.3]), np.array([0.6, -0.2, 0.7])
     scans = scan_set([prepared(list(a), seed=1), prepared(list(b), seed=2)])
     poses = np.stack([a, compose_planar(b, [0.02, -0.01, 0.005])])
-    systems = np.zeros((2, 12))
+    systems = np.zeros((2, 15))
     pairs = np.array([[0, 1], [1, 0]], np.int64)
     pair_systems(0, 2, scans.rows, scans.bounds, scans.origins, pairs, poses, 0.3, 0.05, systems)
     upper = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])

@@ -323,8 +323,10 @@ def test_a_loss_makes_a_node_at_once_and_shares_no_error() -> None:
     assert every[:3, 0, 3] == pytest.approx([0.0, 0.02, 0.04])
     assert every[:, 1, 3] == pytest.approx([0.0, 0.0, 0.0, 5.0])
     assert pose_every_frame(nodes, solved, frames)[2, 1, 3] > 1.0
-    in_doubt = replace(constraint, source=LaserTracking("odometry only", 0.0, doubted=True))
-    np.testing.assert_array_equal(pose_every_frame(nodes, solved, frames, [in_doubt]), every)
+    in_doubt = LaserTracking("odometry only", 0.0, doubted=True)
+    for source in (in_doubt, LaserTracking("odometry ignored", 0.9)):
+        motion = replace(constraint, source=source)
+        np.testing.assert_array_equal(pose_every_frame(nodes, solved, frames, [motion]), every)
 
 
 def test_both_ends_of_a_loss_are_kept_where_chains_are_left_out() -> None:

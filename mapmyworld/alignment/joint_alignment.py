@@ -19,6 +19,7 @@ from mapmyworld.config import Config, RegistrationConfig
 from mapmyworld.decisions import decided
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_exp
+from mapmyworld.kernels.laser_motion import FAINT
 from mapmyworld.kernels.scan_alignment import pair_systems
 from mapmyworld.parallel import run_in_chunks
 from mapmyworld.registration.scan_matching import FINE, ScanSet
@@ -27,8 +28,6 @@ from mapmyworld.types import Progress
 Pairs = NDArray[np.int64]
 _UPPER = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 _OPEN = 0.01  # share of the best known direction's information up to which another is open
-FAINT = 1.0
-"""Information of a pair that keeps a direction finite which its points leave open."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +87,7 @@ def align_jointly(
     The scans are the system's first nodes. One round a reach: the distance (m) within which points
     are associated.
     """
-    systems = np.zeros((len(pairs), 12))
+    systems = np.zeros((len(pairs), 15))
     moved: list[float] = []
     for reach in max_distances:
         _associate(scans, poses, pairs, reach, config, threads, systems)
@@ -101,25 +100,32 @@ def align_jointly(
     return JointAlignment(poses, tuple(moved), residual, joint, len(pairs))
 
 
-def share_in_pairs(
+def counted_once(
     scans: ScanSet, poses: Array, pairs: Pairs, information: Array, config: Config
-) -> float:
-    """By which tracked motions count beside pairs, which compare the same points: 1 at most.
+) -> Array:
+    """(P, 3, 3) what tracked motions know beside pairs, which compare the same points.
 
     Motions between the `pairs` (P, 2) of scans at `poses` (S, 3) state `information` (P, 3, 3).
     Each was matched by the points that the pair of its two scans compares anew, so it is the same
     measurement. But tracking learns how well matches agree, not what they err by in common: by that
-    its motions would outweigh all pairs. The share is the median of what pairs know of theirs.
+    its motions would outweigh all pairs. So they count by the median share of what pairs know of
+    theirs. Where a pair knows less than that of its motion, as along a bare wall, the motion rests
+    on odometry, which no pair measures anew.
     """
     if len(pairs) == 0:
-        return 1.0
-    systems, settings = np.zeros((len(pairs), 12)), config.registration
+        return information
+    systems, settings = np.zeros((len(pairs), 15)), config.registration
     _associate(scans, poses, pairs, float(FINE[0]), settings, config.threads, systems)
     known = pair_edges(poses, pairs, systems, settings)[3] - FAINT * np.eye(3)
-    shares = np.linalg.solve(information, known).trace(axis1=1, axis2=2) / 3.0
+    values, axes = np.linalg.eigh(information)
+    root = axes * np.sqrt(np.maximum(values, 1e-12))[:, None, :]
+    whitened = np.linalg.solve(root, np.linalg.solve(root, known).swapaxes(1, 2))
+    shares, axes = np.linalg.eigh(whitened)
     share = min(1.0, float(np.median(shares)))
-    decided("refine", f"motions count by {share:.3f}")
-    return share
+    decided("refine", f"motions count by {share:.3f} where pairs know as much of them")
+    twice = np.clip(shares, 0.0, share) / max(share, 1e-12)
+    left = root @ (axes * np.sqrt(1.0 - (1.0 - share) * twice)[:, None])
+    return np.asarray(left @ left.swapaxes(1, 2))
 
 
 def pair_edges(
@@ -127,7 +133,7 @@ def pair_edges(
 ) -> tuple[Pairs, Pairs, Array, Array]:
     """Tails and heads, (P,) both, relative poses (P, 3) and information (P, 3, 3) of pairs (P, 2).
 
-    They are where the minimum of each pair's normal equations, `systems` (P, 12), lies, seen from
+    They are where the minimum of each pair's normal equations, `systems` (P, 15), lies, seen from
     `poses` (N, 3).
     """
     variance = config.range_sigma**2 * config.correlation * 2.0
@@ -150,7 +156,7 @@ def _associate(
     scans: ScanSet, poses: Array, pairs: Pairs, reach: float, config: RegistrationConfig,
     threads: int, systems: Array,
 ) -> None:  # fmt: skip
-    """Fills `systems` (P, 12) with the normal equations of all pairs at `poses`."""
+    """Fills `systems` (P, 15) with the normal equations of all pairs at `poses`."""
     scale = config.residual_share * reach
 
     def work(first: int, last: int) -> None:

@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.alignment.joint_alignment import FAINT
 from mapmyworld.backend.connected_components import first_nodes
 from mapmyworld.backend.information import NotPositiveDefiniteError
 from mapmyworld.backend.system import System, believed_edges, edge_chi2
@@ -22,6 +21,7 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, planar_adjoint
 from mapmyworld.geometry.rigid import transported
 from mapmyworld.graph.covariance import relative_covariances
+from mapmyworld.kernels.laser_motion import FAINT
 from mapmyworld.registration.scan_matching import ScanSet
 
 
@@ -62,16 +62,17 @@ def are_known_within(
 
 
 def shape_covariances(scans: ScanSet, residual: float) -> Array:
-    """(S, 3, 3) by how much points that err by `residual` (m) turn and shift a scan's shape."""
+    """(S, 3, 3) by how much points that err by `residual` (m) turn and shift a scan's shape.
+
+    By a metre and a radian, where they do not hold it.
+    """
     x, y, nx, ny = scans.rows[:, :4].T.astype(np.float64)
     slopes, known = (nx, ny, ny * x - nx * y), np.empty((len(scans), 3, 3))
     for i, j in np.ndindex(3, 3):  # each by itself: points are many
         sums = np.append(0.0, np.cumsum(slopes[i] * slopes[j]))
         known[:, i, j] = np.diff(sums[scans.bounds])
     variance = residual**2
-    return np.asarray(
-        variance * np.linalg.pinv(known + variance * FAINT * np.eye(3), hermitian=True)
-    )
+    return np.asarray(variance * np.linalg.pinv(known + variance * np.eye(3), hermitian=True))
 
 
 def of_anchors(joint: System, own: Array, poses: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mapmyworld.alignment.joint_alignment import align_in_rounds, share_in_pairs
+from mapmyworld.alignment.joint_alignment import align_in_rounds, counted_once
 from mapmyworld.alignment.joint_covariance import (
     as_contradicted,
     carried,
@@ -193,11 +193,11 @@ def _rounds(
     count = len(poses)
     stays = np.append(held, np.zeros(len(landmarks), np.bool_))
     given = task.nodes, task.chosen, task.constraints
-    tails, heads, _, information = node_motions(*given)
-    share = share_in_pairs(task.scans, poses, np.stack([tails, heads], 1), information, config)
+    tails, heads, measured, information = node_motions(*given)
+    once = counted_once(task.scans, poses, np.stack([tails, heads], 1), information, config)
     rest = task.statements, np.concatenate([poses, landmarks]), stays
-    stated, start = joint_system(*given, *rest)
-    system, _ = joint_system(*given, *rest, share)
+    stated, start = joint_system(*given, (tails, heads, measured, information), *rest)
+    system, _ = joint_system(*given, (tails, heads, measured, once), *rest)
     compared = ComparedScans(task.session[task.chosen], held, stated, start, settings)
     found = align_in_rounds(task.scans, system, start, compared.pairs_at, config, progress)
     joint = _as_stated(found.joint, stated)

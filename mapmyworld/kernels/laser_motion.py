@@ -47,13 +47,14 @@ def innovation(predicted: Array, pose: Array, information: Array, variances: Arr
     """(7,): the match less the prediction, the match's own variances, and their NIS.
 
     The match is at `pose`, the prediction is `predicted`, (3,) both. The prior's pull on the match
-    is undone. `information` (3, 3) is the match's own, `variances` (3,) are the prediction's; the
-    NIS (normalised innovation squared) has three degrees of freedom.
+    is undone, as far as the match knows anything. `information` (3, 3) is the match's own,
+    `variances` (3,) are the prediction's; the NIS (normalised innovation squared) has three
+    degrees of freedom.
     """
     error = between_poses(predicted, pose)
     known = information.copy()
     for i in range(3):
-        known[i, i] += FAINT
+        known[i, i] += FAINT / variances[i]
     own = invert3(known)
     total = own.copy()
     x, y, yaw = error[0] / variances[0], error[1] / variances[1], error[2] / variances[2]
@@ -100,7 +101,7 @@ def step_covariance(
         share = 1.0  # the open direction rests on a prediction, whose errors add up step by step
     total = information.copy()
     for i in range(3):
-        total[i, i] += 1.0 / variances[i]
+        total[i, i] += 1.0 / variances[i] + FAINT
     covariance: Array = invert3(total)
     for i in range(3):
         for j in range(3):

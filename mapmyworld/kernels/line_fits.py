@@ -35,6 +35,8 @@ class Line(NamedTuple):
     centre_x: float
     centre_y: float
     """m, seen from the point that the line is for."""
+    points: float
+    """How many they are."""
 
 
 @inner_jit
@@ -93,14 +95,21 @@ def is_line(line: Line, thickest: float) -> bool:
 
 
 @inner_jit
+def direction_variance(line: Line, noise: float) -> float:
+    """Variance (rad^2) of a line's direction: its points err by `noise` (m) across, or by more."""
+    across = max(line.across, noise * noise)
+    return across / ((line.points - 2.0) * line.along)
+
+
+@inner_jit
 def _fitted(before: Sums, after: Sums) -> Line:
     n = 1.0 + before.members + after.members
     if n < 3.0:
-        return Line(np.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return Line(np.inf, 0.0, 0.0, 0.0, 0.0, 0.0, n)
     mx, my = (before.x + after.x) / n, (before.y + after.y) / n
     cxx = (before.xx + after.xx) / n - mx * mx
     cxy = (before.xy + after.xy) / n - mx * my
     cyy = (before.yy + after.yy) / n - my * my
     half, root = 0.5 * (cxx + cyy), np.hypot(0.5 * (cxx - cyy), cxy)
     angle = 0.5 * np.arctan2(2.0 * cxy, cxx - cyy) + 0.5 * np.pi
-    return Line(max(half - root, 0.0), half + root, np.cos(angle), np.sin(angle), mx, my)
+    return Line(max(half - root, 0.0), half + root, np.cos(angle), np.sin(angle), mx, my, n)

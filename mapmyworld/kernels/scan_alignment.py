@@ -3,6 +3,10 @@
 Censi, "An ICP variant using a point-to-line metric", ICRA 2008: a scan seen from one origin is
 sorted by bearing, so the search for a nearest neighbour ends where the ray is farther than the
 best point found. Tangents are (x, y, yaw) and perturb on the right.
+
+The lines' normals err. Squared, their errors never cancel: along a bare wall normal equations seem
+to know what is noise alone, and all scans alike are pulled together. That is taken off, as errors
+in variables are (Fuller, "Measurement error models", 1987).
 """
 
 from __future__ import annotations
@@ -17,12 +21,13 @@ from mapmyworld.kernels.compiling import inner_jit, jit
 _PATIENCE = 12  # rows walked from the last point's place before the bearing is looked up
 
 Rows = NDArray[np.float32]
-"""(N, 5): x, y, normal x, normal y, bearing about the lidar, sorted by bearing."""
+"""(N, 6): x, y, normal x, normal y, bearing about the lidar, sorted by it; the variance of the
+normal's direction, rad^2."""
 
 
 @inner_jit
 def first_beyond(rows: Rows, first: int, last: int, bearing: float) -> int:
-    """The first of `rows[first:last]` (N, 5) of a bearing not below `bearing`; `last` if none."""
+    """The first of `rows[first:last]` (N, 6) of a bearing not below `bearing`; `last` if none."""
     low, high = first, last
     while low < high:
         middle = (low + high) >> 1
@@ -36,7 +41,7 @@ def first_beyond(rows: Rows, first: int, last: int, bearing: float) -> int:
 @jit
 def nearest(rows: Rows, first: int, last: int, x: float, y: float, ox: float, oy: float,
             reach: float, start: int) -> tuple[int, int]:  # fmt: skip
-    """Row of `rows[first:last]` (N, 5) nearest to (x, y) within `reach` metres; -1 if none is.
+    """Row of `rows[first:last]` (N, 6) nearest to (x, y) within `reach` metres; -1 if none is.
 
     `start` is a row at about the point's bearing, where the search begins: -1 if none is known. The
     second result is that row for a next point nearby.
@@ -95,12 +100,13 @@ def add_target(
     system: NDArray[np.float64],
     hit: NDArray[np.bool_],
 ) -> None:
-    """Adds a target's normal equations to `system` (12,), marks the source points it explains.
+    """Adds a target's normal equations to `system` (15,), marks the source points it explains.
 
-    The points are rows `s_first` to `s_last` of `source` (N, 5), marked in `hit` (K,) from 0 on;
-    rows of the `target` (M, 5) were seen from `origin` (2,); `target_from_source` (3,). `system`
-    holds the upper triangle of the Hessian (6), the gradient (3), and sums of weights, of weighted
-    squared residuals (m^2), and of residuals within 3 * `scale` (Cauchy's, metres).
+    The points are rows `s_first` to `s_last` of `source` (N, 6), marked in `hit` (K,) from 0 on;
+    rows of the `target` (M, 6) were seen from `origin` (2,); `target_from_source` (3,). `system`
+    holds the upper triangle of the Hessian (6), the gradient (3), sums of weights, of weighted
+    squared residuals (m^2), and of residuals within 3 * `scale` (Cauchy's, metres); and what errors
+    of normals add to the Hessian in x and y (3).
     """
     c, s = np.cos(target_from_source[2]), np.sin(target_from_source[2])
     tx, ty = target_from_source[0], target_from_source[1]
@@ -131,6 +137,10 @@ def add_target(
         system[6] += weight * ax * residual
         system[7] += weight * ay * residual
         system[8] += weight * ar * residual
+        noise = weight * np.float64(target[k, 5])
+        system[12] += noise * ay * ay
+        system[13] -= noise * ax * ay
+        system[14] += noise * ax * ax
         system[9] += weight
         system[10] += weight * residual * residual
         if abs(ratio) < 3.0:
@@ -184,6 +194,28 @@ def relative(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float
     return np.array([c * dx + s * dy, c * dy - s * dx, b[2] - a[2]])
 
 
+@inner_jit
+def take_noise_off(system: NDArray[np.float64]) -> None:
+    """Takes what errors of normals add from normal equations (15,), in the direction known least.
+
+    What is left there counts by its share, for the gradient has errors of the same normals.
+    """
+    xx, xy, yy = system[0], system[1], system[3]
+    half, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy) + 0.5 * np.pi
+    x, y, known = np.cos(angle), np.sin(angle), half - root
+    noise = x * x * system[12] + 2.0 * x * y * system[13] + y * y * system[14]
+    share = 1.0 - noise / known if noise < known else 0.0
+    lost = (1.0 - share) * known
+    system[0] -= lost * x * x
+    system[1] -= lost * x * y
+    system[3] -= lost * y * y
+    lost = (1.0 - np.sqrt(share)) * (x * system[2] + y * system[4])
+    system[2], system[4] = system[2] - lost * x, system[4] - lost * y
+    lost = (1.0 - share) * (x * system[6] + y * system[7])
+    system[6], system[7] = system[6] - lost * x, system[7] - lost * y
+
+
 @jit
 def align(
     source: Rows,
@@ -205,7 +237,7 @@ def align(
 ) -> None:
     """Aligns source rows with targets `which` (K,), rows `starts[w]` to `ends[w]`, at `poses`.
 
-    `source` is (N, 5), `targets` (M, 5); `starts` and `ends` (T,), `poses` (T, 3) and `origins`
+    `source` is (N, 6), `targets` (M, 6); `starts` and `ends` (T,), `poses` (T, 3) and `origins`
     (T, 2) are of the targets. The scan's `guess` and `prior` (3,) are in the frame of `poses`, the
     latter with `prior_information` (3, 3). Gauss-Newton, one step a reach of `max_distances` (R,),
     m, of which Cauchy's scale is a `share`. `out` (16,): pose (3), match Hessian
@@ -214,7 +246,7 @@ def align(
     """
     pose = guess.copy()
     hit = np.zeros(s_last - s_first, np.bool_)
-    system = np.zeros(12)
+    system = np.zeros(15)
     a, b = np.empty((3, 3)), np.empty(3)
     length = 0.0
     rounds, turn = len(max_distances), 0
@@ -226,6 +258,7 @@ def align(
         for w in which:
             add_target(source, s_first, s_last, targets, starts[w], ends[w], origins[w],
                        relative(poses[w], pose), reach, scale, system, hit)  # fmt: skip
+        take_noise_off(system)
         if turn == rounds:
             break
         factor = 1.0 / (sigma * sigma * max(len(which), 1))
@@ -279,14 +312,14 @@ def pair_systems(
     scale: float,
     out: NDArray[np.float64],
 ) -> None:
-    """Normal equations `out` (P, 12) of pairs (P, 2), target and source, `first` to `last`.
+    """Normal equations `out` (P, 15) of pairs (P, 2), target and source, `first` to `last`.
 
-    Scan k is `rows[bounds[k]:bounds[k + 1]]`; `rows` (N, 5), `bounds` (S + 1,); its lidar was at
+    Scan k is `rows[bounds[k]:bounds[k + 1]]`; `rows` (N, 6), `bounds` (S + 1,); its lidar was at
     `origins` (S, 2) in the frame of its pose, of `poses` (S, 3). Scans are compared both ways, so
     that a pair is the same seen from either end; everything is expressed for a perturbation of the
     source.
     """
-    back, adjoint = np.zeros(12), np.empty((3, 3))
+    back, adjoint = np.zeros(15), np.empty((3, 3))
     hit = np.zeros(np.max(np.diff(bounds)), np.bool_)
     for k in range(first, last):
         t, s = pairs[k, 0], pairs[k, 1]
@@ -315,7 +348,7 @@ def adjoint_of_inverse(pose: NDArray[np.float64], adjoint: NDArray[np.float64]) 
 def add_seen_from_target(
     back: NDArray[np.float64], adjoint: NDArray[np.float64], system: NDArray[np.float64]
 ) -> None:
-    """Adds normal equations for the target's perturbation to those for the source's, (12,) both.
+    """Adds normal equations for the target's perturbation to those for the source's, (15,) both.
 
     A perturbation d of the source moves the target by -A d, A the adjoint (3, 3) of
     target_from_source: rel exp(d) inverted is exp(-d) rel^-1 = rel^-1 exp(-A d).

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.kernels.compiling import inner_jit, jit
-from mapmyworld.kernels.line_fits import is_line, side_sums, surface_line
+from mapmyworld.kernels.line_fits import direction_variance, is_line, side_sums, surface_line
 
 _GAP = 6.0  # beam spacings between neighbours beyond which a surface is taken to end
 _LEAST_GAP = 0.08  # m, gaps that never end a surface
@@ -92,7 +92,7 @@ def prepare_points(
     radius: float,
     out: NDArray[np.float32],
 ) -> int:
-    """Fills `out` (N, 5): x, y, normal x, normal y, bearing, sorted by bearing; returns how many.
+    """Fills `out` (N, 6), rows sorted by bearing as `scan_alignment` has them; returns how many.
 
     Of `points` (N, 2) seen from `origin` (2,) those nearest to each multiple of `spacing` along the
     sweep. The first ones beyond it would be those behind leaps, which rounded ranges have outwards
@@ -127,7 +127,7 @@ def prepare_points(
         before = side_sums(xs, ys, steps, i, -1, reach, gap)
         after = side_sums(xs, ys, steps, i, 1, reach, gap)
         out[kept, 0], out[kept, 1] = xs[i], ys[i]
-        out[kept, 2], out[kept, 3], out[kept, 4] = 0.0, 0.0, bearings[i]
+        out[kept, 2], out[kept, 3], out[kept, 4], out[kept, 5] = 0.0, 0.0, bearings[i], 0.0
         line = surface_line(before, after, dx, dy, noise)
         if is_line(line, thickest):
             nx, ny = line.normal_x, line.normal_y
@@ -136,6 +136,7 @@ def prepare_points(
             offset = nx * line.centre_x + ny * line.centre_y
             out[kept, 0], out[kept, 1] = xs[i] + offset * nx, ys[i] + offset * ny
             out[kept, 2], out[kept, 3] = nx, ny
+            out[kept, 5] = direction_variance(line, noise * (nx * dx + ny * dy) / distance)
         kept += 1
     return kept
 
@@ -150,7 +151,7 @@ def prepare_many(
     out: NDArray[np.float32],
     out_bounds: NDArray[np.int64],
 ) -> None:
-    """Prepares scans, `points[bounds[k]:bounds[k + 1]]` each, behind each other into `out` (T, 5).
+    """Prepares scans, `points[bounds[k]:bounds[k + 1]]` each, behind each other into `out` (T, 6).
 
     `points` (N, 2), base frame, and `bounds` (S + 1,) of scans from `origins` (S, 2), their beams
     `increments` (S,), rad, apart. `settings` (4,): metres beyond which returns are dropped, least

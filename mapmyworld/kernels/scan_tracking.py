@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from mapmyworld.geometry import Array, Index
 from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.kernels.laser_motion import (
+    FAINT,
     between_poses,
     innovation,
     is_degenerate,
@@ -20,7 +21,6 @@ from mapmyworld.kernels.wheel_model import anchor, learn, reckon, reckoned_varia
 
 _MEMORY = 0.95  # weight of the past in the running mean of disagreements
 _LARGEST = 9.0  # that one disagreement may teach, times its variance
-_FAINT = 1e-3  # information that keeps an open direction finite
 _WELL_EXPLAINED = 0.75  # overlap below which a scan joins the submap sooner
 _SOONER = 0.3  # of the motion after which others do
 _FIRST_VARIANCE = 0.01  # of overlaps, before there are any
@@ -72,8 +72,8 @@ def remember_scan(
 ) -> bool:  # fmt: skip
     """Lets a scan join the submap, a ring of keyframes, where it says something new; if it did.
 
-    The scan is `rows` (N, 5), seen from `origin` (2,) on the base at `pose` (3,). The ring has rows
-    (K, P, 5), counts (K,), origins (K, 2) and poses (K, 3); `keys` (2,) holds the slot of the
+    The scan is `rows` (N, 6), seen from `origin` (2,) on the base at `pose` (3,). The ring has rows
+    (K, P, 6), counts (K,), origins (K, 2) and poses (K, 3); `keys` (2,) holds the slot of the
     newest keyframe and how many there are.
     """
     slots = len(key_counts)
@@ -82,7 +82,7 @@ def remember_scan(
     slot = (keys[0] + 1) % slots
     # Number by number: numba's assignment of slices takes seconds to compile.
     for i in range(len(rows)):
-        for j in range(5):
+        for j in range(6):
             key_rows[slot, i, j] = rows[i, j]
     key_counts[slot] = len(rows)
     key_origins[slot, 0], key_origins[slot, 1] = origin[0], origin[1]
@@ -116,7 +116,7 @@ def match_keyframes(
 ) -> None:  # fmt: skip
     """Aligns a scan with keyframes; fills `out` (16,) as `align` does, and the match's information.
 
-    The scan is `rows[first:last]`, `rows` (N, 5). The ring has `key_rows` (K, P, 5), `key_counts`
+    The scan is `rows[first:last]`, `rows` (N, 6). The ring has `key_rows` (K, P, 6), `key_counts`
     (K,), `key_origins` (K, 2), `key_poses` (K, 3), as of `remember_scan`; `which` (B,) are slots.
     The `predicted` pose (3,) has information `known`, the match `information`, (3, 3) both.
     `max_distances` (R,) as of `align`, `settings` (9,) of `track_scans`.
@@ -126,7 +126,7 @@ def match_keyframes(
     for k in range(len(key_counts)):
         starts[k], ends[k] = k * capacity, k * capacity + key_counts[k]
     align(
-        rows, first, last, key_rows.reshape(-1, 5), starts, ends, which, key_poses,
+        rows, first, last, key_rows.reshape(-1, 6), starts, ends, which, key_poses,
         key_origins, predicted, predicted, known, max_distances, settings[0],
         settings[1] * np.sqrt(settings[2]), out,
     )  # fmt: skip
@@ -148,8 +148,8 @@ def learn_matching(
     """Lets the variance factor of matches learn from how two keyframes differ about a scan.
 
     Aligned with each alone, the scan comes out at two poses; these differ by what their covariances
-    indicate, times the factor. The scan is `rows[first:last]` (N, 5) at `pose` (3,); the ring has
-    `key_rows` (K, P, 5), `key_counts` (K,), `key_origins` (K, 2), `key_poses` (K, 3), as of
+    indicate, times the factor. The scan is `rows[first:last]` (N, 6) at `pose` (3,); the ring has
+    `key_rows` (K, P, 6), `key_counts` (K,), `key_origins` (K, 2), `key_poses` (K, 3), as of
     `remember_scan`; `which` (B,) are slots. `max_distances` (R,) as of `align`, `settings` (9,) of
     `track_scans`.
     """
@@ -165,7 +165,7 @@ def learn_matching(
         )  # fmt: skip
         for i in range(3):
             poses[k, i] = found[i]
-            information[i, i] += _FAINT
+            information[i, i] += FAINT
         own = invert3(information)
         for i in range(3):
             for j in range(3):
@@ -211,10 +211,10 @@ def track_scans(
 ) -> int:
     """Follows scans from `start` on; the index of the first that needs a closer look.
 
-    Scan k is `rows[bounds[k]:bounds[k + 1]]`, `rows` (N, 5) and `bounds` (B + 1,), seen from
+    Scan k is `rows[bounds[k]:bounds[k + 1]]`, `rows` (N, 6) and `bounds` (B + 1,), seen from
     `origins` (B, 2) on the base. `recorded` (B, 3) are odometry's steps, NaN where there is none;
     those that end at an `interpolated` (B,) pose need a closer look. The ring, `key_rows`
-    (K, P, 5), `key_counts` (K,), `key_origins` (K, 2), `key_poses` (K, 3) and `keys` (2,), is that
+    (K, P, 6), `key_counts` (K,), `key_origins` (K, 2), `key_poses` (K, 3) and `keys` (2,), is that
     of `remember_scan`; a scan is aligned with keyframes `back` (M,) places, by `max_distances` (R,)
     as of `align`. `state` (8,) is the pose, the last step, mean and variance of overlaps, `wheels`
     (15,) the model of the odometry; `settings` (9,) are residual share, sigma of a range,

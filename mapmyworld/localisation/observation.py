@@ -81,7 +81,7 @@ def is_motion_lost(moved: LaserMotion, step: Array, recorded: Array | None) -> b
 def scan_of(frame: Frame, config: Config) -> PreparedScan:
     """The frame's scan made ready; empty where it has none."""
     if frame.scan is None:
-        return PreparedScan(np.zeros((0, 5), np.float32), np.zeros(2))
+        return PreparedScan(np.zeros((0, 6), np.float32), np.zeros(2))
     return prepare_scan(frame.scan, config.registration)
 
 

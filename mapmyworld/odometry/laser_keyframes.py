@@ -40,7 +40,7 @@ class Keyframes:
     def __init__(self, config: Config) -> None:
         self._odometry, self._matching = config.odometry, config.registration
         slots = int(_BACK[-1])  # the farthest target is the oldest scan
-        self._rows = np.zeros((slots, 0, 5), np.float32)
+        self._rows = np.zeros((slots, 0, 6), np.float32)
         self._counts = np.zeros(slots, np.int64)
         self._origins, self._poses = np.zeros((slots, 2)), np.zeros((slots, 3))
         self._newest = np.zeros(2, np.int64)  # its slot, and how many scans there are
@@ -52,7 +52,7 @@ class Keyframes:
 
     @property
     def ring(self) -> Ring:
-        """Rows (K, P, 5), counts (K,), origins (K, 2), poses (K, 3), newest (2,) and places (B,).
+        """Rows (K, P, 6), counts (K,), origins (K, 2), poses (K, 3), newest (2,) and places (B,).
 
         Arguments of `track_scans`.
         """

@@ -15,7 +15,7 @@ from mapmyworld.geometry.planar import (
     information_from_planar,
     planar_to_matrix,
 )
-from mapmyworld.kernels.laser_motion import is_degenerate
+from mapmyworld.kernels.laser_motion import FAINT, is_degenerate
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import (
     EVERYWHERE,
@@ -250,4 +250,5 @@ def _constraint(
 
 def closure_information(match: Match) -> Array:
     """(3, 3): nothing is known better than the maps of the two places agree in themselves."""
-    return np.asarray(np.linalg.inv(np.linalg.inv(match.information) + _AGREEMENT))
+    known = match.information + FAINT * np.eye(3)
+    return np.asarray(np.linalg.inv(np.linalg.inv(known) + _AGREEMENT))

@@ -59,7 +59,7 @@ class StoredScans:
     def some(self, which: Index) -> ScanSet:
         """Scans `which` (K,), in this order: a copy, for which only a block at a time is held."""
         bounds = np.concatenate([[0], np.cumsum(self.sizes[which])]).astype(np.int64)
-        rows = np.empty((bounds[-1], 5), np.float32)
+        rows = np.empty((bounds[-1], 6), np.float32)
         origins = np.empty((len(which), 2))
         starts = np.flatnonzero(np.diff(which // BLOCK, prepend=-1))
         for first, end in itertools.pairwise([*starts.tolist(), len(which)]):

@@ -24,7 +24,9 @@ class PreparedScan:
     """A scan's points, evenly spaced, with the normals of the lines they lie on."""
 
     rows: NDArray[np.float32]
-    """(N, 5): x, y, normal x, normal y (zero if unknown), bearing about the lidar, ascending."""
+    """(N, 6): x, y, normal x and y (zero if unknown), bearing about the lidar, ascending, and the
+    variance of the normal's direction, rad^2.
+    """
     origin: NDArray[np.float64]
     """(2,) the lidar in the base frame."""
 
@@ -34,7 +36,7 @@ class ScanSet:
     """Many prepared scans behind each other in one array."""
 
     rows: NDArray[np.float32]
-    """(T, 5)."""
+    """(T, 6)."""
     bounds: NDArray[np.int64]
     """(S + 1,) where each scan begins; the last one ends at T."""
     origins: NDArray[np.float64]
@@ -81,7 +83,7 @@ def prepare_scans(scans: Sequence[Scan], config: RegistrationConfig) -> ScanSet:
     """Many scans for matching, behind each other."""
     origins = np.array([scan.origin[:2] for scan in scans], np.float64).reshape(-1, 2)
     if not scans:
-        return ScanSet(np.zeros((0, 5), np.float32), np.zeros(1, np.int64), origins)
+        return ScanSet(np.zeros((0, 6), np.float32), np.zeros(1, np.int64), origins)
     points = np.ascontiguousarray(np.concatenate([scan.points for scan in scans]), np.float32)
     bounds = np.concatenate([[0], np.cumsum([len(scan.points) for scan in scans])])
     increments = np.array([scan.angle_increment for scan in scans], np.float64)
@@ -90,7 +92,7 @@ def prepare_scans(scans: Sequence[Scan], config: RegistrationConfig) -> ScanSet:
     settings = np.array(
         [config.range_max, config.point_spacing, config.point_count, config.line_radius]
     )
-    rows, ends = np.empty((len(points), 5), np.float32), np.empty(len(bounds), np.int64)
+    rows, ends = np.empty((len(points), 6), np.float32), np.empty(len(bounds), np.int64)
     prepare_many(points, bounds.astype(np.int64), origins, increments, settings, rows, ends)
     return ScanSet(rows[: ends[-1]].copy(), ends, origins)
 
@@ -105,7 +107,7 @@ def _increment_of(scan: Scan) -> float:
 def scan_set(scans: Sequence[PreparedScan]) -> ScanSet:
     """The scans as one set."""
     if not scans:
-        return ScanSet(np.zeros((0, 5), np.float32), np.zeros(1, np.int64), np.zeros((0, 2)))
+        return ScanSet(np.zeros((0, 6), np.float32), np.zeros(1, np.int64), np.zeros((0, 2)))
     lengths = [len(scan.rows) for scan in scans]
     bounds = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
     return ScanSet(

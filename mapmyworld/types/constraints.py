@@ -82,6 +82,11 @@ class Constraint:
         return isinstance(self.source, LaserTracking) and self.source.state == "odometry only"
 
     @property
+    def contradicts_odometry(self) -> bool:
+        """Whether scans matched elsewhere than odometry had it, which was ignored there."""
+        return isinstance(self.source, LaserTracking) and self.source.state == "odometry ignored"
+
+    @property
     def is_doubted(self) -> bool:
         """Whether it is odometry that scans afterwards put in doubt."""
         return isinstance(self.source, LaserTracking) and self.source.doubted
@@ -89,7 +94,8 @@ class Constraint:
     @property
     def interrupts_tracking(self) -> bool:
         """Whether poses before and after it may not follow each other as they were tracked."""
-        return self.is_tracking_loss or self.is_relocalised or self.is_doubted
+        refuted = self.is_relocalised or self.contradicts_odometry or self.is_doubted
+        return self.is_tracking_loss or refuted
 
 
 @dataclass(frozen=True, slots=True, eq=False)

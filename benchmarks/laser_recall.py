@@ -85,7 +85,7 @@ def joined_scans(store: MapStore, poses: Array, path: Array) -> Array:
     pairs = neighbour_pairs(at, settings.refine_radius, settings.refine_revisits)
     driven = path[chosen[pairs]]
     pairs = pairs[driven[:, 1] - driven[:, 0] >= _APART]
-    systems = np.zeros((len(pairs), 12))
+    systems = np.zeros((len(pairs), 15))
     scale = config.registration.residual_share * _AT
     pair_systems(
         0, len(pairs), scans.rows, scans.bounds, scans.origins, pairs, at, _AT, scale, systems

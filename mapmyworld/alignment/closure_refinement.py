@@ -16,6 +16,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
     between_planar,
     information_from_planar,
+    invert_planar,
     matrix_to_planar,
     planar_to_matrix,
 )
@@ -64,8 +65,10 @@ def _is_by_laser(constraint: Judged) -> bool:
 
 
 def _fits(c: Constraint, nodes: LaserNodes, row: dict[int, int]) -> bool:
-    miss = _miss(matrix_to_planar(c.i_from_j), nodes, row[c.from_id], row[c.to_id])
-    return bool(np.hypot(*miss[:2]) <= _METRES and abs(miss[2]) <= _RADIANS)
+    """Seen from either end, which differ by the heading's miss over the way between them."""
+    a, b, measured = row[c.from_id], row[c.to_id], matrix_to_planar(c.i_from_j)
+    misses = _miss(measured, nodes, a, b), _miss(invert_planar(measured), nodes, b, a)
+    return all(np.hypot(*m[:2]) <= _METRES and abs(m[2]) <= _RADIANS for m in misses)
 
 
 def _miss(measured: NDArray[np.float64], nodes: LaserNodes, a: int, b: int) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, re
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes, share_seen_through
 from mapmyworld.odometry.odometry_faults import OdometryFaults
-from mapmyworld.odometry.pose_hypotheses import FEWEST, Prior, likeliest_match
+from mapmyworld.odometry.pose_hypotheses import FAULT_SIZE, FEWEST, Prior, likeliest_match
 from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
 from mapmyworld.odometry.unobserved_motion import UnobservedMotion
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
@@ -268,7 +268,7 @@ class LaserTracker:
             if found[6] > self._odometry.contradiction**2:
                 self._faults.add(recorded, moved)
                 if verdict != "matched":
-                    variances = np.full(3, 1e6)
+                    variances = FAULT_SIZE**2
         covariance = step_covariance(
             moved, match.information, variances,
             self._odometry.keyframe_distance, self._odometry.keyframe_angle, recorded is not None,

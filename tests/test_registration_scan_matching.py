@@ -23,7 +23,8 @@ from mapmyworld.geometry.planar import (
     transform_points_planar,
 )
 from mapmyworld.kernels.branch_and_bound import best_shift
-from mapmyworld.kernels.scan_alignment import invert3, nearest, pair_systems, solve3
+from mapmyworld.kernels.planar_algebra import invert3, solve3
+from mapmyworld.kernels.scan_alignment import nearest, pair_systems
 from mapmyworld.kernels.scan_preparation import range_noise
 from mapmyworld.registration.scan_matching import (
     COARSE,

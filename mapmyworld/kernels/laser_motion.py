@@ -6,7 +6,7 @@ import numpy as np
 
 from mapmyworld.geometry import Array
 from mapmyworld.kernels.compiling import inner_jit, jit
-from mapmyworld.kernels.scan_alignment import invert3, relative
+from mapmyworld.kernels.planar_algebra import invert3, relative
 
 FAINT = 1e-3  # information that keeps an open direction finite
 _RATIO = 12.0  # sigma along the weakest direction over sigma along the strongest

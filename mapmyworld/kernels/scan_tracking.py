@@ -16,7 +16,8 @@ from mapmyworld.kernels.laser_motion import (
     step_covariance,
     wrapped,
 )
-from mapmyworld.kernels.scan_alignment import Rows, align, invert3
+from mapmyworld.kernels.planar_algebra import invert3
+from mapmyworld.kernels.scan_alignment import Rows, align
 from mapmyworld.kernels.wheel_model import anchor, learn, reckon, reckoned_variances
 
 _MEMORY = 0.95  # weight of the past in the running mean of disagreements

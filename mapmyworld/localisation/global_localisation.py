@@ -10,7 +10,7 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar
-from mapmyworld.kernels.scan_alignment import invert3
+from mapmyworld.kernels.planar_algebra import invert3
 from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.localisation.observation import SEARCHED, Moment, fit_at, match_at
 from mapmyworld.places.laser_candidates import FIRST_WINDOW

@@ -19,7 +19,7 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.geometry.rigid import between
-from mapmyworld.kernels.scan_alignment import invert3
+from mapmyworld.kernels.planar_algebra import invert3
 from mapmyworld.localisation.global_localisation import Discovery, GlobalLocalisation
 from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.localisation.observation import (

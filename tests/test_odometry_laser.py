@@ -16,6 +16,7 @@ from mapmyworld.kernels.laser_motion import is_degenerate
 from mapmyworld.odometry import laser_odometry
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
+from mapmyworld.odometry.pose_hypotheses import FAULT_SIZE
 from mapmyworld.types import Frame, Scan
 
 
@@ -76,6 +77,18 @@ def test_tracking_survives_what_odometry_does(fault: str) -> None:
     assert position < 0.05
     assert yaw < 0.015
     assert all(moment.verdict not in ("lost", "odometry only") for moment in tracked)
+
+
+def test_where_odometry_is_ignored_the_open_direction_is_as_uncertain_as_a_fault() -> None:
+    """It was to be anywhere, and closures were looked for as far as they may reach."""
+    corridor = np.array([[-99.0, -1.0, 99.0, -1.0], [-99.0, 1.0, 99.0, 1.0]])
+    truth = np.stack([0.1 * np.arange(30), np.zeros(30), np.zeros(30)], axis=-1)
+    steps = between_planar(truth[:-1], truth[1:])
+    steps[20, 2] += np.radians(30.0)
+    tracked, _ = follow([cast(p, corridor, k) for k, p in enumerate(truth)], integrate(steps))
+    assert tracked[21].verdict == "odometry ignored"
+    along = np.sqrt(np.linalg.eigvalsh(tracked[21].covariance[:2, :2])[1])
+    assert 0.5 * FAULT_SIZE[0] < along <= FAULT_SIZE[0] + 0.01
 
 
 def test_odometry_interpolated_over_a_stall_does_not_hold_the_path() -> None:

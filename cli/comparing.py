@@ -72,7 +72,7 @@ def without_closures(store: MapStore, config: Config) -> Candidate:
     frames = store.tracked_frames()
     poses = tracked_path(store.nodes(), frames)
     scans = scans_at(store, np.arange(len(poses)), poses)
-    grid = build_grid(scans, config) if has_scans(store) else None
+    grid = build_grid(scans, config, poses[:, :2, 3]) if has_scans(store) else None
     return Candidate("neighbour", Trajectory(frames.stamps_ns, poses), grid)
 
 

@@ -19,6 +19,8 @@ from mapmyworld.types import OccupancyGrid
 
 Mode = Literal["trinary", "scale", "raw"]
 _OCCUPIED, _FREE, _UNKNOWN = 0, 254, 205
+_GREY = np.full(256, _UNKNOWN, np.uint8)  # of a trinary cell
+_GREY[[0, 100]] = _FREE, _OCCUPIED
 _MAX_CELLS = 1 << 28
 _MOST_PACKED = 8 * 1032  # cells of one bit in a byte of a PNG; deflate packs up to 1032 to 1
 
@@ -30,9 +32,8 @@ def write_grid(stem: Path, grid: OccupancyGrid, mode: Mode = "trinary") -> tuple
         grey, alpha = np.moveaxis(_scaled(grid), 2, 0)
         write_whole(image, encoded_file(".png", np.dstack([grey, grey, grey, alpha])))
     else:
-        cells = grid.trinary() if mode == "trinary" else _raw(grid)
-        grey = _grey(cells) if mode == "trinary" else cells.view(np.uint8)
-        _write_pgm(image, grey[::-1], grid.resolution)
+        cells = (grid.trinary() if mode == "trinary" else _raw(grid)).view(np.uint8)[::-1]
+        _write_pgm(image, _GREY[cells] if mode == "trinary" else cells, grid.resolution)
     write_whole(description, _yaml(image.name, grid, mode))
     return image, description
 
@@ -41,12 +42,6 @@ def grid_files(stem: Path, mode: Mode = "trinary") -> tuple[Path, Path]:
     """The picture and the YAML that `write_grid` writes."""
     image = stem.with_name(stem.name + (".png" if mode == "scale" else ".pgm"))
     return image, stem.with_name(stem.name + ".yaml")
-
-
-def _grey(cells: NDArray[np.int8]) -> NDArray[np.uint8]:
-    grey = np.full(cells.shape, _UNKNOWN, np.uint8)
-    grey[cells == 0], grey[cells == 100] = _FREE, _OCCUPIED
-    return grey
 
 
 def _raw(grid: OccupancyGrid) -> NDArray[np.int8]:
@@ -71,7 +66,7 @@ def _scaled(grid: OccupancyGrid) -> NDArray[np.uint8]:
 def _write_pgm(path: Path, grey: NDArray[np.uint8], resolution: float) -> None:
     height, width = grey.shape
     head = f"P5\n# CREATOR: mapmyworld {resolution:.3f} m/pix\n{width} {height}\n255\n"
-    write_whole(path, head.encode() + np.ascontiguousarray(grey).tobytes())
+    write_whole(path, b"".join((head.encode(), np.ascontiguousarray(grey).data)))
 
 
 def _yaml(image: str, grid: OccupancyGrid, mode: Mode) -> str:

@@ -13,7 +13,7 @@ from mapmyworld.config import Config, MappingConfig
 from mapmyworld.config.settings import apply_settings
 from mapmyworld.errors import MapError
 from mapmyworld.kernels.rays import count_scans
-from mapmyworld.mapping.occupancy import build_grid, log_odds_of
+from mapmyworld.mapping.occupancy import build_grid, log_odds_in_place
 from mapmyworld.types import OccupancyGrid, Scan
 
 
@@ -57,9 +57,10 @@ def test_log_odds_add_up_as_bayes_says_and_stop_at_the_clamp() -> None:
     """Two hits and a pass by Bayes' rule on one cell with an even prior."""
     mapping = MappingConfig()
     odds = (0.7 / 0.3) ** 2 * (0.35 / 0.65)
-    found = log_odds_of(np.array([[2, 500]], np.uint16), np.array([[1, 0]], np.uint16), mapping)
+    found = log_odds_in_place(np.array([[[2, 1], [500, 0], [0, 0]]], np.uint16), mapping)
     assert found[0, 0] == pytest.approx(np.log(odds), rel=1e-5)
     assert found[0, 1] == pytest.approx(np.log(0.97 / 0.03), rel=1e-5)
+    assert np.isnan(found[0, 2])
 
 
 def passed_cells(x0: float, y0: float, x1: float, y1: float) -> set[tuple[int, int]]:
@@ -76,10 +77,11 @@ coordinates = st.floats(0.01, 19.99)
 @given(coordinates, coordinates, coordinates, coordinates)
 def test_a_ray_visits_the_cells_that_it_crosses(x0: float, y0: float, x1: float, y1: float) -> None:
     """Cells whose corner the ray only grazes, closer than the sampling, may differ."""
-    hits, passes = np.zeros((20, 20), np.uint16), np.zeros((20, 20), np.uint16)
+    counts = np.zeros((20, 20, 2), np.uint16)
     marks = np.zeros((20, 20), np.uint8)
     start, end = np.array([[x0, y0]]), np.array([[x1, y1]])
-    count_scans(hits, passes, marks, start, end, np.array([True]), np.array([0, 1]))
+    count_scans(counts, marks, start, end, np.array([True]), np.array([0, 1]))
+    hits, passes = counts[:, :, 0], counts[:, :, 1]
     found = set(zip(*(axis.tolist() for axis in np.nonzero(passes)), strict=True))
     wanted = passed_cells(x0, y0, x1, y1)
     length = abs(int(x1) - int(x0)) + abs(int(y1) - int(y0))
@@ -96,6 +98,19 @@ def test_the_order_of_scans_does_not_matter_and_the_canvas_grows_to_all_sides() 
     there, back = build_grid(scans, Config()), build_grid(scans[::-1], Config())
     assert there.origin.tolist() == back.origin.tolist()
     assert np.array_equal(there.log_odds, back.log_odds, equal_nan=True)
+
+
+@pytest.mark.parametrize("range_max", [0.5, 30.0, 1e6])
+def test_places_that_are_known_beforehand_change_nothing(range_max: float) -> None:
+    """Neither where a few of them are wrong, nor where scans may reach farther than any map."""
+    config = apply_settings(Config(), {"mapping.range_max": range_max})
+    rng = np.random.default_rng(4)
+    poses = rng.uniform(-20, 20, (30, 3))
+    scans = [(pose, scan_of(rng.uniform(-5, 5, (40, 2)).tolist())) for pose in poses]
+    known = build_grid(scans, config, np.append(poses[:10, :2], [[np.nan, 0.0]], axis=0))
+    grown = build_grid(scans, config)
+    assert known.origin.tolist() == grown.origin.tolist()
+    assert np.array_equal(known.log_odds, grown.log_odds, equal_nan=True)
 
 
 def test_more_scans_than_marks_count_each_cell_once_a_scan() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import zlib
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from mapmyworld.errors import MapError
 # Nodes and scans written between two commits: what a killed build loses at most.
 _BATCH = {"nodes": 200, "scans": 2000}
 _OUTSIDE = -1  # rank of keys put outside any stage; no stage clears them
+_ROWS = 256  # of an array that are copied to be compressed
 _NONE = "none"  # type and shape of an array that is none
 _TYPES = {"|i1", "|u1", *(f"<{kind}{size}" for kind in "iuf" for size in (2, 4, 8))}
 
@@ -64,9 +66,8 @@ class Transactions(Opened):
         self._db.run("DELETE FROM mapmyworld_arrays WHERE name = ? AND rank >= ?", (name, rank))
         row: tuple[Any, ...] = (_NONE, _NONE, b"")
         if array is not None:
-            little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
-            data = zlib.compress(little.data, FAST)
-            row = (little.dtype.str, json.dumps(list(array.shape)), data)
+            dtype = array.dtype.newbyteorder("<")
+            row = (dtype.str, json.dumps(list(array.shape)), b"".join(_packed(array, dtype)))
         self._db.run("INSERT INTO mapmyworld_arrays VALUES (?,?,?,?,?)", (name, rank, *row))
 
     def _read(self, name: str, kind: str, shape: tuple[int, ...]) -> NDArray[Any] | None:
@@ -120,6 +121,14 @@ class Transactions(Opened):
         if self._rank is None or full:
             self._db.commit()
             self._uncommitted = dict.fromkeys(_BATCH, 0)
+
+
+def _packed(array: NDArray[Any], dtype: np.dtype[Any]) -> Iterator[bytes]:
+    """The compressed rows of an array (N, ...), of which some at a time are copied."""
+    packer = zlib.compressobj(FAST)
+    for first in range(0, len(array), _ROWS):
+        yield packer.compress(np.ascontiguousarray(array[first : first + _ROWS], dtype).data)
+    yield packer.flush()
 
 
 def _plain(value: Any) -> Any:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BytesIO
 
 import numpy as np
+from PIL import Image
 
 from formats.constraint_kinds import COLOURS
-from formats.picture_files import encoded_file
 from formats.report.contents import ReportContents, ShownConstraint
 from formats.report.map_axes import observed_corners
 from formats.report.page import data_uri
@@ -109,11 +110,12 @@ def _grid_image(grid: OccupancyGrid | None, view: View) -> str:
     if grid is None:
         return ""
     cells = grid.trinary()[::-1]
-    pixels = np.zeros((*cells.shape, 4), np.uint8)  # the last: opaque
-    for row, values in zip(pixels, cells, strict=True):  # little is held at once
-        for value, shade in zip((0, 100), _SEEN, strict=True):
-            row[values == value] = shade, shade, shade, 255
-    data = encoded_file(".png", pixels)
+    colours = np.zeros(256, np.uint8)  # of the palette: the first lets the page through
+    colours[[0, 100]] = 1, 2
+    picture, written = Image.fromarray(colours[cells.view(np.uint8)]), BytesIO()
+    picture.putpalette([shade for shade in (0, *_SEEN) for _ in "RGB"])
+    picture.save(written, "PNG", transparency=0, bits=2)
+    data = written.getvalue()
     left, top = view.pixels(grid.origin + np.array([0.0, cells.shape[0] * grid.resolution]))
     width, height = (side * grid.resolution * view.scale for side in cells.shape[::-1])
     return (

@@ -12,8 +12,7 @@ from mapmyworld.kernels.compiling import inner_jit, jit
 
 @jit
 def count_scans(
-    hits: NDArray[np.uint16],
-    passes: NDArray[np.uint16],
+    counts: NDArray[np.uint16],
     marks: NDArray[np.uint8],
     starts: NDArray[np.float64],
     ends: NDArray[np.float64],
@@ -23,10 +22,10 @@ def count_scans(
     """At most 255 scans from `starts` (S, 2) to their `ends[bounds[s]:bounds[s + 1]]`.
 
     All in cells; each cell counts once a scan, hits first. `ends` (N, 2), `bounds` (S + 1,) and
-    `is_hit` (N,), where a ray ended on a surface. `hits`, `passes` and `marks` (H, W) are grids;
-    `marks` are zeros and remember the last scan that a cell counted. A ray visits every cell it
-    touches (Amanatides and Woo, 1987) and stops before the one it ends in. All coordinates must lie
-    inside the grid.
+    `is_hit` (N,), where a ray ended on a surface. `counts` (H, W, 2) are the hits and the passes of
+    a grid; its `marks` (H, W) are zeros and remember the last scan that a cell counted. A ray
+    visits every cell it touches (Amanatides and Woo, 1987) and stops before the one it ends in. All
+    coordinates must lie inside the grid.
     """
     for s in range(len(starts)):
         mark = s + 1
@@ -35,15 +34,15 @@ def count_scans(
                 row, column = int(ends[k, 1]), int(ends[k, 0])
                 if marks[row, column] != mark:
                     marks[row, column] = mark
-                    if hits[row, column] < 65535:
-                        hits[row, column] += 1
+                    if counts[row, column, 0] < 65535:
+                        counts[row, column, 0] += 1
         for k in range(bounds[s], bounds[s + 1]):
-            _pass_through(passes, marks, mark, starts[s, 0], starts[s, 1], ends[k, 0], ends[k, 1])
+            _pass_through(counts, marks, mark, starts[s, 0], starts[s, 1], ends[k, 0], ends[k, 1])
 
 
 @inner_jit
 def _pass_through(
-    passes: NDArray[np.uint16],
+    counts: NDArray[np.uint16],
     marks: NDArray[np.uint8],
     mark: int,
     x0: float,
@@ -65,8 +64,8 @@ def _pass_through(
     while left > 0:
         if marks[row, column] != mark:
             marks[row, column] = mark
-            if passes[row, column] < 65535:
-                passes[row, column] += 1
+            if counts[row, column, 1] < 65535:
+                counts[row, column, 1] += 1
         if next_x < next_y:
             column += step_x
             next_x += grow_x

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,20 +82,25 @@ class Counts:
 
     corner: NDArray[np.int64]
     """(2,) lattice cell of the first one."""
-    hits: NDArray[np.uint16]
-    """(H, W)."""
-    passes: NDArray[np.uint16]
-    """(H, W)."""
+    cells: NDArray[np.uint16]
+    """(H, W, 2) hits and passes, a part of what was drawn on."""
 
 
 class Canvas:
-    """Counts of hits and passes on a lattice through the map's origin; grows as scans come."""
+    """Counts of hits and passes on a lattice through the map's origin; grows as scans come.
 
-    def __init__(self) -> None:
+    It begins with all that scans at `places` (N, 2) may reach, both in cells: to grow takes the
+    memory of two, and what is not drawn on takes little.
+    """
+
+    def __init__(self, places: Array, reach: float) -> None:
         self._corner = np.zeros(2, np.int64)  # lattice cell of the canvas's cell (0, 0)
-        self._hits = np.zeros((0, 0), np.uint16)
-        self._passes = np.zeros((0, 0), np.uint16)
-        self._drawn = np.zeros((2, 2), np.int64)  # lattice cells from and up to which it is
+        self._cells = np.zeros((0, 0, 2), np.uint16)  # hits and passes
+        places = places[np.isfinite(places).all(axis=1)]
+        low = places.min(axis=0, initial=np.inf) - reach - _MARGIN
+        high = places.max(axis=0, initial=-np.inf) + reach + _MARGIN
+        if 0.0 < np.prod(high - low) <= _MOST_CELLS:
+            self._cover(np.floor(low).astype(np.int64), np.floor(high).astype(np.int64))
 
     def add(self, beams: Beams) -> None:
         """Draws the beams of at most 255 scans."""
@@ -108,59 +112,41 @@ class Canvas:
         high = np.floor(np.maximum(ends.max(axis=0), used.max(axis=0))).astype(np.int64)
         self._cover(low - 1, high + 1)  # with a cell of margin around
         count_scans(
-            self._hits, self._passes, np.zeros(self._hits.shape, np.uint8),
+            self._cells, np.zeros(self._cells.shape[:2], np.uint8),
             starts - self._corner, ends - self._corner, beams.is_hit, beams.bounds,
         )  # fmt: skip
 
     def _cover(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
         """Grows the canvas until it holds the lattice cells `low` to `high`."""
-        size = np.array(self._hits.shape[::-1], np.int64)
+        size = np.array(self._cells.shape[1::-1], np.int64)
         if not size.all():
-            self._corner, self._drawn = low, np.array([low, low])
-        before, self._drawn = self._drawn, np.array([
-            np.minimum(self._drawn[0], low), np.maximum(self._drawn[1], high + 1),
-        ])  # fmt: skip
+            self._corner = low
         lacks = np.maximum(self._corner - low, 0), np.maximum(high + 1 - self._corner - size, 0)
         if not np.any(lacks):
             return
         margin = _MARGIN + size // 4
         left, right = (np.where(lack > 0, lack + margin, 0) for lack in lacks)
-        _check_size(left + size + right)
-        old = _cells(*(before - self._corner))
-        self._corner = self._corner - left
-        new = _cells(*(before - self._corner))
-        shape = tuple((left + size + right)[::-1].tolist())
-        self._hits = _within(self._hits[old], new, shape)
-        self._passes = _within(self._passes[old], new, shape)
+        before, size = size, left + size + right
+        _check_size(size)
+        wider = np.zeros((*size[::-1], 2), np.uint16)
+        part = tuple(slice(a, a + n) for a, n in zip(left[::-1], before[::-1], strict=True))
+        wider[part] = self._cells
+        self._corner, self._cells = self._corner - left, wider
 
     def seen(self) -> Counts:
         """The part that was seen, one cell of margin around.
 
         Raises `NothingToDrawError` where nothing was.
         """
-        rows, columns = (
-            np.flatnonzero(self._hits.any(axis=axis) | self._passes.any(axis=axis))
-            for axis in (1, 0)
-        )
+        pairs = self._cells.view(np.uint32)[:, :, 0]
+        rows, columns = (np.flatnonzero(pairs.any(axis=axis)) for axis in (1, 0))
         if not len(rows):
             raise NothingToDrawError(
                 "no scan has a return in range: there is nothing to draw a grid of"
             )
         part = np.s_[rows[0] - 1 : rows[-1] + 2, columns[0] - 1 : columns[-1] + 2]
         corner = self._corner + np.array([columns[0], rows[0]]) - 1
-        return Counts(corner, self._hits[part], self._passes[part])
-
-
-def _cells(low: NDArray[np.int64], high: NDArray[np.int64]) -> tuple[slice, ...]:
-    """Those from `low` (2,), x and y, up to `high` (2,)."""
-    return slice(low[1], high[1]), slice(low[0], high[0])
-
-
-def _within(cells: NDArray[Any], part: tuple[slice, ...], shape: tuple[int, ...]) -> NDArray[Any]:
-    """The `cells` as a `part` of an array of zeros, whose other pages take no memory yet."""
-    wider = np.zeros(shape, cells.dtype)
-    wider[part] = cells
-    return wider
+        return Counts(corner, self._cells[part])
 
 
 def _check_size(size: NDArray[np.int64]) -> None:

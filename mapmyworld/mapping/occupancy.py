@@ -17,39 +17,45 @@ from mapmyworld.types import OccupancyGrid, Scan
 _TOGETHER = 128  # scans that are drawn in one go
 
 
-def build_grid(scans: Iterable[tuple[Array, Scan]], config: Config) -> OccupancyGrid:
+def build_grid(
+    scans: Iterable[tuple[Array, Scan]], config: Config, places: Array | None = None
+) -> OccupancyGrid:
     """The grid of scans at map_from_base poses (3,); `NothingToDrawError` where none has a return.
+
+    It takes less memory where the `places` (N, 2) of most scans, m, are known beforehand.
 
     A cell's log-odds are the sum of the inverse sensor model over the scans that saw it, clamped.
     A scan sees a cell once, as occupied if one of its beams ended there; so the result does not
     depend on the order of the scans.
     """
-    canvas, settings = Canvas(), config.mapping
+    settings = config.mapping
+    places = np.zeros((0, 2)) if places is None else places
+    canvas = Canvas(places / settings.resolution, settings.range_max / settings.resolution)
     placed = partial(beams_of, settings=settings)
     for beams in in_threads(placed, batches(scans, _TOGETHER), threads=1):
         canvas.add(beams)
     counts = canvas.seen()
-    log_odds = log_odds_of(counts.hits, counts.passes, settings)
+    log_odds = log_odds_in_place(counts.cells, settings)
     origin = np.round(counts.corner * settings.resolution, 9)
     return OccupancyGrid(log_odds, settings.resolution, origin)
 
 
-def log_odds_of(
-    hits: NDArray[np.uint16], passes: NDArray[np.uint16], settings: MappingConfig
-) -> NDArray[np.float32]:
-    """Log-odds (H, W) after so many `hits` and `passes` (H, W); NaN where there were neither.
+def log_odds_in_place(cells: NDArray[np.uint16], settings: MappingConfig) -> NDArray[np.float32]:
+    """Log-odds (H, W) after so many hits and passes, `cells` (H, W, 2), in whose memory they are
+    written; NaN where there were neither.
 
     l = sum of (inverse_sensor_model - l0) with l0 = 0, table 9.1, clamped at the end.
     """
     occupied = np.float32(_log_odds(settings.hit_probability))
     free = np.float32(_log_odds(settings.miss_probability))
     limit = np.float32(_log_odds(settings.clamp_probability))
-    log_odds = np.empty(hits.shape, np.float32)
-    for row, hit, passed in zip(log_odds, hits, passes, strict=True):
-        row[:] = hit * occupied
-        row += passed * free
-        np.clip(row, -limit, limit, out=row)
-        row[(hit == 0) & (passed == 0)] = np.nan
+    log_odds = cells.view(np.float32)[:, :, 0]
+    for row, (hits, passes) in zip(log_odds, cells.swapaxes(1, 2), strict=True):
+        odds = hits * occupied
+        odds += passes * free
+        np.clip(odds, -limit, limit, out=odds)
+        odds[(hits == 0) & (passes == 0)] = np.nan
+        row[:] = odds
     return log_odds
 
 

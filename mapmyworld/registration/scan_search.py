@@ -104,10 +104,10 @@ def evidence_grid(submap: Submap) -> LikelihoodGrid:
     width, height = cells.max(axis=0, initial=margin) + 3 + margin
     edge = np.array([width, height]) - 1e-3
     starts = np.clip((submap.origins - corner) / RESOLUTION + margin, 0.0, edge)
-    hits, passes = np.zeros((2, height, width), np.uint16)
+    counts = np.zeros((height, width, 2), np.uint16)
     marks = np.zeros((height, width), np.uint8)
-    count_scans(hits, passes, marks, starts, ends, np.ones(len(ends), np.bool_), submap.bounds)
-    found = np.where(passes > 0, np.uint8(0), np.uint8(UNSEEN))
+    count_scans(counts, marks, starts, ends, np.ones(len(ends), np.bool_), submap.bounds)
+    found = np.where(counts[:, :, 1] > 0, np.uint8(0), np.uint8(UNSEEN))
     found[cells[:, 1], cells[:, 0]] = FULL
     return LikelihoodGrid.of(found, corner, margin)
 

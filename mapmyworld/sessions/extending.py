@@ -220,7 +220,8 @@ def _draw(
     progress: Progress,
 ) -> None:
     known, every = store.grid(), np.arange(len(map_from_frame))
-    more = build_grid(scans_at(session_map.store, every, map_from_frame), config)
+    scans = scans_at(session_map.store, every, map_from_frame)
+    more = build_grid(scans, config, map_from_frame[:, :2, 3])
     total = None if known is None else added_grid(known, more, config)
     if total is None:
         draw_maps(store, config, progress)

@@ -65,12 +65,13 @@ class Truth:
             range_max=self.settings.laser.range_max,
             missing_range=self.settings.laser.range_max,
         )
-        canvas = Canvas()
+        canvas = Canvas(places[:, :2] / _RESOLUTION, settings.range_max / _RESOLUTION)
         for place in places:
             canvas.add(beams_of([(place, _perfect_sweep(self, place))], settings))
         seen = canvas.seen()
-        cells = np.where(seen.passes > 0, np.float32(-_LOG_ODDS), np.float32(np.nan))
-        cells[seen.hits > 0] = _LOG_ODDS
+        hits, passes = np.moveaxis(seen.cells, 2, 0)
+        cells = np.where(passes > 0, np.float32(-_LOG_ODDS), np.float32(np.nan))
+        cells[hits > 0] = _LOG_ODDS
         return OccupancyGrid(cells, _RESOLUTION, np.round(seen.corner * _RESOLUTION, 9))
 
     @cached_property

@@ -27,22 +27,29 @@ def draw_maps(store: MapStore, config: Config, progress: Progress) -> None:
         assert frames is not None
         progress.stage("grid", len(frames), "scans")
         scans = scans_at(store, np.arange(len(frames)), frames)
-        _draw(scans, store, config, progress)
+        _draw(scans, frames, store, config, progress)
     elif has_images(store):
         poses = store.poses()
         assert poses is not None
         progress.stage("grid from depth", len(store.nodes()), "nodes")
         try:
             scans = depth_scans(store, poses, config)
-            _draw(scans, store, config, progress)
+            _draw(scans, poses.map_from_node, store, config, progress)
         except NothingToDrawError as nothing:  # neither floor nor anything in the way was seen
             progress.note(f"no grid from depth: {nothing}")
 
 
-def _draw(scans: Iterator[Placed], store: MapStore, config: Config, progress: Progress) -> None:
+def _draw(
+    scans: Iterator[Placed],
+    poses: NDArray[np.float64],
+    store: MapStore,
+    config: Config,
+    progress: Progress,
+) -> None:
+    """The grid of scans, which were taken at poses (N, 4, 4) or near them."""
     from mapmyworld.mapping.occupancy import build_grid
 
-    grid = build_grid(_counted(scans, progress), config)
+    grid = build_grid(_counted(scans, progress), config, poses[:, :2, 3])
     store.set_grid(grid)
     rows, columns = grid.log_odds.shape
     decided("map", f"{columns} x {rows} cells of {grid.resolution:g} m")

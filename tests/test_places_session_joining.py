@@ -234,3 +234,31 @@ def test_sessions_are_one_that_closures_join_and_end_where_nothing_reports_the_m
     assert len(np.unique(joined_sessions(lost, [closure(3, 100)]))) == 2
     assert len(np.unique(joined_sessions(lost, [closure(3, 100, accepted=False)]))) == 3
     assert len(np.unique(joined_sessions(lost, [closure(3, 100), closure(50, 99)]))) == 1
+
+
+def hall_of(narrower: float, moved: float) -> Array:
+    """A hall of 20 m, from x = 3 on `narrower` by so much on both sides; a pillar may be moved."""
+    y, end = 3.0 - narrower, 15.0 - narrower
+    outline = [[-5, -3, 3, -3], [3, -3, 3, -y], [3, -y, end, -y], [end, -y, end, y],
+               [end, y, 3, y], [3, y, 3, 3], [3, 3, -5, 3], [-5, 3, -5, -3]]  # fmt: skip
+    for x, at in ((-3.0, -2.2), (-0.5, 1.6), (1.5, -1.9), (7.0 + moved, 1.0), (11.0, -1.5)):
+        right, above = x + 0.8, at + 0.5
+        outline += [[x, at, right, at], [right, at, right, above], [right, above, x, above],
+                    [x, above, x, at]]  # fmt: skip
+    return np.array(outline, np.float64)
+
+
+@pytest.mark.parametrize(
+    ("narrower", "moved", "is_one"), [(0.0, 0.0, True), (0.0, 2.0, True), (0.8, 0.0, False)]
+)
+def test_buildings_that_share_one_end_are_not_one(
+    narrower: float, moved: float, is_one: bool
+) -> None:
+    path = np.stack([np.linspace(-4.0, 13.0, 171), np.zeros(171), np.zeros(171)], axis=-1)
+    back = np.array([0.0, 0.2, np.pi])
+    drives = ((hall_of(0.0, 0.0), path), (hall_of(narrower, moved), path[::-1] + back))
+    maps = []
+    for walls, drive in drives:
+        nodes, _ = carried(walls, drive)
+        maps.append(SessionPlaces(nodes, np.arange(len(nodes.ids)), CONFIG))
+    assert (locate_session(*maps) is not None) == is_one

@@ -3,7 +3,8 @@
 Nothing is known of where a session began. So a place of it is looked for in all that the other one
 mapped, and the relative pose that this gives is judged by every place of the session: what is seen
 of each in the other's map speaks for that pose or against it. Poses that explain as much, as in a
-hall after half a turn, leave the sessions apart.
+hall after half a turn, leave the sessions apart. So do places that agree less than a session does
+with itself: another building of the same style may share a corner or two.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from functools import cached_property
 from itertools import chain
 
 import numpy as np
+from scipy.special import betaln
 
 from mapmyworld.config import Config
 from mapmyworld.decisions import decided
@@ -33,6 +35,8 @@ from mapmyworld.registration.scan_search import ANOTHER, MARGIN, NATS, Submap, a
 _CHECKED = 3  # places, those of the most evidence, that are looked for elsewhere
 _OVERLAP = 0.5  # weight of a place: what it shows, the ones beside it show as well
 _CHANGED = 0.1  # share of places that no longer look as they did, or that drift moved away
+_MOVED = 0.03  # share of surfaces in the others that stand elsewhere by another session
+_PLACE = 20.0  # points that would make their share differ as it does from place to place
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +59,27 @@ class SessionPlaces:
     def places(self) -> dict[int, Place]:
         """Node -> what was seen around it, about every half of a submap."""
         return {k: place_around(self.nodes, k, self.config) for k in self.spots}
+
+    def is_of(self, reports: Iterable[Agreement]) -> float:
+        """Nats by which another session's places are of this building, and not of another one.
+
+        Here they agree as often as this session's own, but for what was moved, each by a share that
+        is beta-distributed; in another building of the same style any share is as likely.
+        """
+        known = [(one.hits, one.contradictions) for one in reports if one.log_odds]
+        hits, misses = np.reshape(known, (-1, 2)).T
+        share = self._agreement - _MOVED
+        here, any_share = (_PLACE * share, _PLACE * (1.0 - share)), (1.0, 1.0)
+        same, other = (betaln(hits + a, misses + b) - betaln(a, b) for a, b in (here, any_share))
+        return _some_changed(same - other)
+
+    @cached_property
+    def _agreement(self) -> float:
+        """Share of its map's points that its own places see where they are."""
+        own = [self.whole.judge(p, self.nodes.poses[k]).back for k, p in self.places.items()]
+        known = np.concatenate([np.zeros(0), *own])
+        hits, misses = np.count_nonzero(known > 0), np.count_nonzero(known < 0)
+        return (hits + 1.0) / (hits + misses + 2.0)
 
     @property
     def spots(self) -> list[int]:
@@ -129,8 +154,11 @@ def _together(places: Sequence[float]) -> float:
 
 
 def _log_odds(places: Iterable[Agreement]) -> float:
+    return _some_changed(np.array([_OVERLAP * one.log_odds for one in places]))
+
+
+def _some_changed(odds: Array) -> float:
     """A place may have changed, or drifted: none contradicts by more than the share of such."""
-    odds = np.array([_OVERLAP * one.log_odds for one in places])
     return float(np.logaddexp(np.log(1.0 - _CHANGED) + odds, np.log(_CHANGED)).sum())
 
 
@@ -173,6 +201,10 @@ def locate_session(
         decided("join", f"session at {move.round(2)}: log odds {odds:.0f}, needed {needed:.0f}")
     best = max(tried, key=lambda one: one.log_odds, default=None)
     if best is None or best.log_odds < needed:
+        return None
+    same = 0.5 * (earlier.is_of(best.later.values()) + later.is_of(best.earlier.values()))
+    if same < 0.0:
+        decided("join", f"another building is as likely ({same:.1f} nats)")
         return None
     possible = needed - NATS * MARGIN
     for other in chain(tried, _elsewhere(earlier, later, best, prior)):

@@ -81,8 +81,12 @@ class Agreement:
     @property
     def agreeing(self) -> float:
         """Share that agrees of the points, of either place, that the other one knows."""
-        agree = int(np.count_nonzero(self.forth > 0) + np.count_nonzero(self.back > 0))
-        return agree / max(agree + self.contradictions, 1)
+        return self.hits / max(self.hits + self.contradictions, 1)
+
+    @property
+    def hits(self) -> int:
+        """Points of either place that lie on what the other one saw."""
+        return int(np.count_nonzero(self.forth > 0) + np.count_nonzero(self.back > 0))
 
     @property
     def known(self) -> float:

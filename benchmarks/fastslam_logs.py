@@ -80,14 +80,14 @@ def run_once(log: Path, reference: Path | None, particles: int, seed: int, threa
     from mapmyworld.config import Config, ParticlesConfig
     from mapmyworld.particles.fastslam import run_fastslam
     from mapmyworld.sensing import make_plan, read_frames, survey_log
-    from mapmyworld.stages.track import wheels_of_log
+    from mapmyworld.stages.first_pass import deskewed, wheels_of_log
 
     settings = ParticlesConfig(count=particles, count_min=min(10, particles))
     config = Config(particles=settings, seed=seed, threads=threads)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     cpu, wall = time.process_time(), time.monotonic()
     source = open_log([log])
-    plan = make_plan(survey_log(source), config.sensing)
+    plan = deskewed(source, make_plan(survey_log(source), config.sensing), config, Quiet())
     wheels = wheels_of_log(source, plan, config, Quiet())
     result = run_fastslam(read_frames(source, plan, config.sensing), config, Quiet(), wheels)
     return {

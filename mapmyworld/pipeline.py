@@ -19,6 +19,7 @@ from mapmyworld.map_figures import map_figures
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.sensing import Plan
 from mapmyworld.stages.draw_maps import draw_maps
+from mapmyworld.stages.first_pass import deskewed
 from mapmyworld.stages.plan_log import note_plan, plan_log
 from mapmyworld.stages.recognise import LoadScans, recognise, scan_loader
 from mapmyworld.stages.record import StageRecord
@@ -63,6 +64,7 @@ def build_map(
     record = StageRecord(store, _same_log(store, log))
     decided("settings", str(config))
     plan = functools.cache(lambda: plan_log(log, config, progress))
+    deskewed_plan = functools.cache(lambda: deskewed(log, plan(), config, progress))
     given = (store, config, progress)
     first_read = FIRST_READ_BY_PARTICLES if method == "fastslam" else FIRST_READ
 
@@ -73,11 +75,11 @@ def build_map(
     if method == "fastslam":
         from mapmyworld.stages.track_particles import finish_particles, track_particles
 
-        run("track", lambda: track_particles(log, plan(), *given), method)
+        run("track", lambda: track_particles(log, deskewed_plan(), *given), method)
         run("fastslam", lambda: finish_particles(store))
     else:
         scans = scan_loader(store, config)
-        run("track", lambda: track(log, plan(), *given))
+        run("track", lambda: track(log, deskewed_plan(), *given))
         if lag := _confident_lag(
             log, plan, store, config
         ):  # reported by tracking: it is done once more

@@ -229,3 +229,29 @@ def test_scans_that_the_kernel_leaves_are_tracked_the_same(monkeypatch: pytest.M
         assert a.verdict == b.verdict
         np.testing.assert_allclose(a.pose, b.pose, atol=1e-9)
         np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-6, atol=1e-12)
+
+
+def corridor_of_doors() -> NDArray[np.float64]:
+    """Walls 2 m apart, in which doors lie 10 cm deep, every 4 m on one side or the other."""
+    walls: list[list[float]] = []
+    for side, doors in ((-1.0, (5.0, 13.0, 21.0)), (1.0, (9.0, 17.0, 25.0))):
+        at = -20.0
+        for x in doors:
+            deep = 1.1 * side
+            walls += [[at, side, x, side], [x, side, x, deep], [x, deep, x + 0.9, deep],
+                      [x + 0.9, deep, x + 0.9, side]]  # fmt: skip
+            at = x + 0.9
+        walls.append([at, side, 60.0, side])
+    walls += [[-2.0, -0.5, -1.6, -0.5], [-1.6, -0.5, -1.6, -0.9]]
+    return np.array([*walls, [2.0, 0.5, 2.4, 0.5], [2.4, 0.5, 2.4, 0.9]])
+
+
+def test_without_odometry_a_robot_goes_on_as_its_log_shows_that_it_does() -> None:
+    """Steps were expected to change by all of their length: at some door the robot stood still."""
+    along = 0.07 * np.arange(300)
+    truth = np.stack([along, 0.02 * np.sin(along), 0.02 * np.cos(along)], axis=-1)
+    walls, missed = corridor_of_doors(), []
+    for seed in range(6):
+        tracked, _ = follow([cast(p, walls, 1000 * seed + k) for k, p in enumerate(truth)], None)
+        missed.append(tracked[-1].pose[0] - along[-1])
+    assert np.sqrt(np.mean(np.square(missed))) < 0.45  # of 21 m; 0.9 m

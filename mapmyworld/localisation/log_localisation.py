@@ -10,6 +10,7 @@ from mapmyworld.localisation.known_place import known_place_from_grid, known_pla
 from mapmyworld.localisation.laser_localisation import LaserLocaliser
 from mapmyworld.parallel import made_ahead
 from mapmyworld.sensing import Plan, read_frames
+from mapmyworld.stages.first_pass import deskewed
 from mapmyworld.stages.plan_log import stage_of_log
 from mapmyworld.types import LogSource, MapStore, OccupancyGrid, Progress
 from mapmyworld.types.localisation import Localisation
@@ -29,6 +30,7 @@ def localise_log(
     """
     progress.stage("read the map")
     localiser = _localiser(where, plan, config)
+    plan = deskewed(log, plan, config, progress)
     frames = read_frames(log, plan, config.sensing, None, stage_of_log("localise", log, progress))
     estimates = localiser.follow(made_ahead(frames))
     for note in localiser.notes:

@@ -18,7 +18,7 @@ from mapmyworld.kernels.laser_motion import (
     motion_variances,
     step_covariance,
 )
-from mapmyworld.kernels.scan_tracking import explains, learn_overlap, track_scans
+from mapmyworld.kernels.scan_tracking import explains, learn_change, learn_overlap, track_scans
 from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, reckoned_variances
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes, share_seen_through
@@ -30,6 +30,7 @@ from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedS
 from mapmyworld.types import Frame, Scan
 
 _SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
+_ANY_STEP = np.square([0.05, 0.05, 0.025])  # m^2, m^2, rad^2, before a log shows how steps change
 _EMPTY = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32), 0.0, 0.0)
 
 
@@ -64,7 +65,8 @@ class LaserTracker:
         self._degenerate = DegenerateSections()
         self._lost_ns: list[int] = []
         self._keyframes = Keyframes(config)
-        self._state = np.zeros(8)  # pose, last step, overlaps: see `track_scans`
+        self._state = np.zeros(14)  # pose, last step, overlaps, variances: see `track_scans`
+        self._state[8:11] = self._state[11:14] = _ANY_STEP
         self._wheels = new_wheels() if wheels is None else wheels.copy()
         anchor(self._wheels, np.zeros(3))
         self._time = UnobservedMotion()
@@ -158,14 +160,19 @@ class LaserTracker:
             tracked = LaserMotion(np.zeros(3), STEP_VARIANCE * np.eye(3), "first", 1.0)
         else:
             tracked = self._follow(frame, scan, recorded)
-        if recorded is not None or self._time.goes_on(frame.stamp_ns):
-            self._state[3:6] = between_planar(self._state[:3], tracked.pose)
+        placed, goes_on = tracked.verdict not in ("odometry only", "lost"), self._goes_on(frame)
+        if recorded is not None or goes_on:
+            step = between_planar(self._state[:3], tracked.pose)
+            if recorded is None and placed:
+                learn_change(self._state, step)
+            self._state[3:6] = step
+        if recorded is None:
+            self._state[8:11] += self._state[11:14] if goes_on else _ANY_STEP
         self._state[:3] = tracked.pose
-        placed = tracked.verdict not in ("odometry only", "lost")
         self._time.take(frame.stamp_ns, tracked.pose if placed else None)
         if len(scan.rows) >= FEWEST and (placed or not self._keyframes.count):
             if tracked.is_tracking_loss:
-                self._state[3:6] = 0.0
+                self._state[3:6], self._state[8:11] = 0.0, _ANY_STEP
                 self._time.begin(frame.stamp_ns, tracked.pose)
             is_known = self._keyframes.remember(scan, tracked.pose, tracked.overlap)
             if is_known and not frame.is_interpolated:
@@ -183,14 +190,17 @@ class LaserTracker:
                 unseen = self._time.variances(frame.stamp_ns)
             predicted = compose_planar(self._state[:3], step)
             grown = motion_variances(step, 1.0, 0.05, np.ones(2))
-            variances = grown + unseen
+            variances = otherwise = grown + unseen
+            if recorded is None and self._goes_on(frame):
+                variances = self._state[8:11] + self._state[11:14] + unseen
         else:
             predicted, variances = self._wheels[8:11].copy(), self._reckoned()
+            otherwise = variances
             grown = np.maximum(variances - before, STEP_VARIANCE)
         if len(scan.rows) < FEWEST or not self._keyframes.count:
             verdict = "lost" if recorded is None else "odometry only"
             return LaserMotion(predicted, np.diag(grown), verdict, 0.0)
-        prior = Prior(predicted, variances, recorded is not None)
+        prior = Prior(predicted, variances, recorded is not None, otherwise)
         if recorded is None and self._time.may_have_left(frame.stamp_ns):
             return self._lost(frame, predicted, variances, 0.0)
         match, verdict = self._matched(scan, prior)
@@ -206,6 +216,10 @@ class LaserTracker:
         return self._placed(
             frame.stamp_ns, measured, predicted, variances, match, verdict, is_new=is_new
         )
+
+    def _goes_on(self, frame: Frame) -> bool:
+        """Whether the last frame's scan showed where the robot was, and this one comes soon."""
+        return self._time.is_placed and self._time.goes_on(frame.stamp_ns)
 
     def _reckoned(self) -> Array:
         """(3,) variances of the odometry since the last keyframe."""
@@ -278,7 +292,7 @@ class LaserTracker:
     def _matched(self, scan: PreparedScan, prior: Prior) -> tuple[Match, str]:
         """The match near the prediction, or where that contradicts it, the best of several."""
         information = np.diag(1.0 / prior.variances)
-        wide = 9.0 * prior.variances[0] > FINE[0] ** 2
+        wide = 9.0 * prior.otherwise[0] > FINE[0] ** 2
         first = self._keyframes.match(
             scan, prior.pose, information, COARSE if wide else FINE, self._settings
         )

@@ -23,7 +23,8 @@ from mapmyworld.registration.scan_search import (
 FEWEST = 12
 """Points of a scan below which it is not matched."""
 FAULT = 1e-3
-"""Probability of an odometry fault in a step: it stalls, slips, catches up."""
+"""Probability of an odometry fault in a step: it stalls, slips, catches up. Without odometry, that
+the robot does not go on as it did."""
 FAULT_SIZE: Array = np.array([2.0, 2.0, 1.0])
 """m, m and rad, sigmas of a fault that goes unobserved: slips, a robot lifted."""
 _LOG_ODDS = 2.5  # nats by which a point on a surface, and not beside, speaks for a pose: of
@@ -36,7 +37,7 @@ class Prior:
     """What odometry indicates of a pose: a mixture of a normal distribution and a fault.
 
     With the probability of a fault odometry indicates nothing, and the robot may be anywhere in
-    the window of a search.
+    the window of a search. Without odometry it goes on as it did, or moves otherwise.
     """
 
     pose: Array
@@ -45,6 +46,8 @@ class Prior:
     """(3,) m^2, m^2, rad^2."""
     has_odometry: bool
     """Whether the pose comes from odometry; else the robot is expected to go on as it did."""
+    otherwise: Array
+    """(3,) variances of a robot that moves otherwise; with odometry the same."""
 
     def window(self, config: OdometryConfig) -> tuple[float, float]:
         """Metres and radians to each side in which a fault is looked for, or where the robot is."""
@@ -61,9 +64,11 @@ class Prior:
         window = 8.0 * distance**2 * angle
         width = (2.0 * np.pi) ** 1.5 * np.sqrt(self.variances.prod())
         expected = -0.5 * float((apart**2 / self.variances).sum())
-        if not self.has_odometry:
-            return expected
-        return float(np.logaddexp(expected, np.log(FAULT * min(width / window, 1.0))))
+        if self.has_odometry:
+            return float(np.logaddexp(expected, np.log(FAULT * min(width / window, 1.0))))
+        share = FAULT * np.sqrt((self.variances / self.otherwise).prod())
+        changed = np.log(share) - 0.5 * float((apart**2 / self.otherwise).sum())
+        return float(np.logaddexp(expected, changed))
 
 
 def likeliest_match(

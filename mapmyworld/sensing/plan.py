@@ -94,6 +94,8 @@ class Plan:
     """How long messages wait to be put in the order of their header stamps; 0: the log's order."""
     more_cameras: tuple[CameraSource, ...] = ()
     """Cameras that look elsewhere than `camera`; their images join its own."""
+    sweep_motion: RecordedMotion | None = None
+    """By which sweeps are deskewed where no odometry measures it."""
 
     def with_odometry_shifted(self, seconds: float) -> Plan:
         """The same plan with so much added to the stamps of the odometry."""

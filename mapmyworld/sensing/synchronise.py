@@ -185,7 +185,7 @@ class _Synchroniser:
         odometry = self.plan.odometry
         if message.stamp_ns != main.stamp_ns:
             message = replace(message, stamp_ns=main.stamp_ns)
-        motion = odometry.motion if odometry else None
+        motion = odometry.motion if odometry else self.plan.sweep_motion
         return scan_from_message(message, base_from_lidar, motion), None
 
     def _main_image(self, main: Pending) -> RgbdImage | None:

@@ -12,7 +12,6 @@ import numpy as np
 
 from mapmyworld.config import Config, SensingConfig
 from mapmyworld.decisions import decided, is_heard
-from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import transforms_of_rows
 from mapmyworld.odometry.gravity_direction import GravityDirection
 from mapmyworld.odometry.tracking_losses import named_moments
@@ -21,9 +20,10 @@ from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.cloud_scans import thinned
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
+from mapmyworld.stages.first_pass import wheels_of_log
 from mapmyworld.stages.nodes import Motion, NodeSelector, Step, neighbours
 from mapmyworld.stages.plan_log import stage_of_log
-from mapmyworld.stages.trackers import AT_ONCE, Tracker, make_tracker, needs_inertial
+from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
 from mapmyworld.types import (
     Frame,
     Judged,
@@ -94,18 +94,6 @@ def odometry_lag(store: MapStore, config: Config) -> float:
         if found["name"] == ODOMETRY_TO_LASER and not found["good"]:
             return float(found["value"]) if abs(found["value"]) < _LARGEST_LAG else 0.0
     return 0.0
-
-
-def wheels_of_log(log: LogSource, plan: Plan, config: Config, progress: Progress) -> Array | None:
-    """(15,) how the log's odometry is calibrated; None where no laser shows that."""
-    if plan.scan is None or plan.odometry is None:
-        return None
-    from mapmyworld.odometry.wheel_calibration import calibrated_wheels
-
-    by_laser = replace(plan, camera=None, more_cameras=())
-    watch = stage_of_log("calibrate odometry", log, progress)
-    frames = read_frames(log, by_laser, config.sensing, watch=watch, inertial=False)
-    return calibrated_wheels(batches(frames, AT_ONCE), config)
 
 
 def _lag_notes(lag_s: float) -> Iterator[str]:

@@ -13,8 +13,9 @@ from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.particles.contradictions import Contradictions
 from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
 from mapmyworld.sensing import Plan, read_frames
+from mapmyworld.stages.first_pass import wheels_of_log
 from mapmyworld.stages.nodes import Motion
-from mapmyworld.stages.track import track, wheels_of_log
+from mapmyworld.stages.track import track
 from mapmyworld.types import Frame, LogSource, MapStore, Particles, Poses, Progress
 
 _STEP_COVARIANCE = np.diag([1e-8, 1e-8, 1e-6, 1e-6, 1e-6, 1e-8])  # of one step of a smoothed path

@@ -36,7 +36,7 @@ def deskewed(log: LogSource, plan: Plan, config: Config, progress: Progress) -> 
     from mapmyworld.odometry.laser_odometry import LaserTracker
 
     tracker, motion = LaserTracker(config), MotionRecorder()
-    for frames in _by_laser("motion within sweeps", log, plan, config, progress):
+    for frames in _by_laser("deskew sweeps", log, plan, config, progress):
         for frame, moment in zip(frames, tracker.track_all(frames), strict=True):
             motion.add(frame.stamp_ns, planar_to_matrix(moment.pose))
     return replace(plan, sweep_motion=motion.finish())

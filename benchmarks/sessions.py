@@ -29,7 +29,8 @@ from formats.trajectory_files import read_trajectory
 from mapmyworld.config import Config
 from mapmyworld.evaluation.relations_metric import relations_score
 from mapmyworld.evaluation.trajectory_error import ate
-from mapmyworld.places.session_joining import SessionPlaces, locate_session
+from mapmyworld.places.session_joining import locate_session
+from mapmyworld.places.session_places import SessionPlaces
 from mapmyworld.sessions import load_session_map
 from mapmyworld.sessions.joining import session_places
 from mapmyworld.types import Trajectory

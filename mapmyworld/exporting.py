@@ -215,15 +215,18 @@ def grid_at(store: MapStore, config: Config, resolution: float | None) -> Occupa
 
     if resolution is not None:
         config = replace(config, mapping=replace(config.mapping, resolution=resolution))
-    return build_grid(_planar_scans(store, config), config)
+    frames, poses = frame_poses(store)
+    return build_grid(_planar_scans(store, frames, poses, config), config, poses[:, :2, 3])
 
 
-def _planar_scans(store: MapStore, config: Config) -> Iterator[tuple[Array, Scan]]:
-    """All scans at their places; made from depth where there is no laser."""
+def _planar_scans(
+    store: MapStore, frames: NDArray[np.int64], map_from_frame: Array, config: Config
+) -> Iterator[tuple[Array, Scan]]:
+    """The scans of those frames (K,) at their poses (K, 4, 4); from depth where is no laser."""
     from mapmyworld.stages.draw_maps import depth_scans, scans_at
 
     found = False
-    for scan in scans_at(store, *frame_poses(store)):
+    for scan in scans_at(store, frames, map_from_frame):
         found = True
         yield scan
     if not found:

@@ -21,11 +21,11 @@ from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, joined_sessions
 from mapmyworld.places.session_closures import session_closures
 from mapmyworld.places.session_joining import (
     LossPrior,
-    SessionPlaces,
     find_joints,
     judge_pose,
     locate_session,
 )
+from mapmyworld.places.session_places import SessionPlaces
 from mapmyworld.places.whole_map import map_of_scans
 from mapmyworld.registration.place_evidence import Agreement, Place
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set

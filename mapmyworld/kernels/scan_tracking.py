@@ -17,10 +17,10 @@ from mapmyworld.kernels.laser_motion import (
 )
 from mapmyworld.kernels.planar_algebra import invert3
 from mapmyworld.kernels.scan_alignment import Rows, align
-from mapmyworld.kernels.wheel_model import MOVES, anchor, learn, reckon, reckoned_variances
+from mapmyworld.kernels.step_model import learn_step, next_variances
+from mapmyworld.kernels.wheel_model import anchor, learn, reckon, reckoned_variances
 
 _MEMORY = 0.95  # weight of the past in the running mean of disagreements
-_STEPS = 0.98  # weight of the past in the running mean of how steps change
 _LARGEST = 9.0  # that one disagreement may teach, times its variance
 _WELL_EXPLAINED = 0.75  # overlap below which a scan joins the submap sooner
 _SOONER = 0.3  # of the motion after which others do
@@ -189,34 +189,6 @@ def gone_on(state: Array, step: Array, predicted: Array) -> None:
 
 
 @jit
-def learn_change(state: Array, moved: Array) -> None:
-    """Lets `state` (14,) of `track_scans` learn how much a step (3,) differs from the last."""
-    if max(np.abs(moved).max(), np.abs(state[3:6]).max()) > MOVES:
-        for i in range(3):
-            change = moved[i] - state[3 + i]
-            state[11 + i] = _STEPS * state[11 + i] + (1.0 - _STEPS) * change * change
-
-
-@inner_jit
-def learn_step(
-    state: Array, moved: Array, information: Array, variances: Array, weak: bool
-) -> None:
-    """Lets `state` (14,) learn from a step (3,) by a match's `information` (3, 3).
-
-    How certain it is, with the prediction's `variances` (3,), and how much steps change, but for
-    those in a direction left open, which rest on the prediction.
-    """
-    known = information.copy()
-    for i in range(3):
-        known[i, i] += 1.0 / variances[i] + FAINT
-    own = invert3(known)
-    for i in range(3):
-        state[8 + i] = own[i, i]
-    if not weak:
-        learn_change(state, moved)
-
-
-@jit
 def track_scans(
     start: int,
     rows: Rows,
@@ -232,6 +204,7 @@ def track_scans(
     back: Index,
     state: Array,
     wheels: Array,
+    steps: Array,
     max_distances: Array,
     settings: Array,
     fewest: int,
@@ -245,12 +218,11 @@ def track_scans(
     those that end at an `interpolated` (B,) pose need a closer look. The ring, `key_rows`
     (K, P, 6), `key_counts` (K,), `key_origins` (K, 2), `key_poses` (K, 3) and `keys` (2,), is that
     of `remember_scan`; a scan is aligned with keyframes `back` (M,) places, by `max_distances` (R,)
-    as of `align`. `state` (14,) is the pose, the last step, mean and variance of overlaps, and
-    without odometry variances of that step and of how steps change; `wheels` (15,) the model of the
-    odometry; `settings` (9,) are residual share, sigma of a range, correlation, share and floor of
-    the motion model, limits of NIS and overlap, keyframe distance and angle. Fills `out` (B, 7):
-    pose, overlap, NIS, metres moved, weak (1
-    or 0); and `covariances` (B, 3, 3) of the steps.
+    as of `align`. `state` (8,) is the pose, the last step, mean and variance of overlaps, `wheels`
+    (15,) the model of the odometry, `steps` (6,) that of a robot without; `settings` (9,) are
+    residual share, sigma of a range, correlation, share and floor of the motion model, limits of
+    NIS and overlap, keyframe distance and angle. Fills `out` (B, 7): pose, overlap, NIS, metres
+    moved, weak (1 or 0); and `covariances` (B, 3, 3) of the steps.
     """  # fmt: skip
     found, predicted, pose = np.zeros(16), np.empty(3), np.empty(3)
     information, known = np.zeros((3, 3)), np.zeros((3, 3))
@@ -267,7 +239,7 @@ def track_scans(
         else:
             before = wheels
             gone_on(state, state[3:6], predicted)
-            variances = state[8:11] + state[11:14]
+            variances = next_variances(steps)
         for i in range(3):
             known[i, i] = 1.0 / variances[i]
         which = chosen_keyframes(back, keys, len(key_counts))
@@ -285,7 +257,7 @@ def track_scans(
         moved = between_poses(state, pose)
         out[k, 6] = 1.0 if is_degenerate(information) else 0.0
         if not has_odometry:
-            learn_step(state, moved, information, variances, out[k, 6] > 0.0)
+            learn_step(steps, moved, state[3:6], information, variances, out[k, 6] > 0.0)
         total = step_covariance(
             moved, information, variances, settings[7], settings[8], has_odometry
         )

@@ -15,10 +15,10 @@ from mapmyworld.kernels.laser_motion import (
     STEP_VARIANCE,
     innovation,
     is_degenerate,
-    motion_variances,
     step_covariance,
 )
-from mapmyworld.kernels.scan_tracking import explains, learn_change, learn_overlap, track_scans
+from mapmyworld.kernels.scan_tracking import explains, learn_overlap, track_scans
+from mapmyworld.kernels.step_model import any_step, learn_change, new_steps, next_variances
 from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, reckoned_variances
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes, share_seen_through
@@ -30,7 +30,6 @@ from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedS
 from mapmyworld.types import Frame, Scan
 
 _SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
-_ANY_STEP = np.square([0.05, 0.05, 0.025])  # m^2, m^2, rad^2, before a log shows how steps change
 _EMPTY = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32), 0.0, 0.0)
 
 
@@ -65,8 +64,8 @@ class LaserTracker:
         self._degenerate = DegenerateSections()
         self._lost_ns: list[int] = []
         self._keyframes = Keyframes(config)
-        self._state = np.zeros(14)  # pose, last step, overlaps, variances: see `track_scans`
-        self._state[8:11] = self._state[11:14] = _ANY_STEP
+        self._state = np.zeros(8)  # pose, last step, overlaps: see `track_scans`
+        self._steps = new_steps()
         self._wheels = new_wheels() if wheels is None else wheels.copy()
         anchor(self._wheels, np.zeros(3))
         self._time = UnobservedMotion()
@@ -101,8 +100,8 @@ class LaserTracker:
             # Most scans need no second look: a kernel follows them, up to one that does.
             last = track_scans(
                 first, scans.rows, scans.bounds, scans.origins, recorded, needs_care,
-                *self._keyframes.ring, self._state, self._wheels, FINE, self._settings, FEWEST,
-                out, covariances,
+                *self._keyframes.ring, self._state, self._wheels, self._steps, FINE, self._settings,
+                FEWEST, out, covariances,
             )  # fmt: skip
             for k in range(first, last):
                 tracked.append(LaserMotion(out[k, :3], covariances[k], "matched", float(out[k, 3])))
@@ -164,15 +163,15 @@ class LaserTracker:
         if recorded is not None or goes_on:
             step = between_planar(self._state[:3], tracked.pose)
             if recorded is None and placed:
-                learn_change(self._state, step)
+                learn_change(self._steps, step, self._state[3:6])
             self._state[3:6] = step
         if recorded is None:
-            self._state[8:11] += self._state[11:14] if goes_on else _ANY_STEP
+            self._steps[:3] += self._steps[3:] if goes_on else any_step(np.zeros(3))
         self._state[:3] = tracked.pose
         self._time.take(frame.stamp_ns, tracked.pose if placed else None)
         if len(scan.rows) >= FEWEST and (placed or not self._keyframes.count):
             if tracked.is_tracking_loss:
-                self._state[3:6], self._state[8:11] = 0.0, _ANY_STEP
+                self._state[3:6], self._steps[:3] = 0.0, any_step(np.zeros(3))
                 self._time.begin(frame.stamp_ns, tracked.pose)
             is_known = self._keyframes.remember(scan, tracked.pose, tracked.overlap)
             if is_known and not frame.is_interpolated:
@@ -189,10 +188,10 @@ class LaserTracker:
                 step = self._time.step(frame.stamp_ns, self._state[3:6])
                 unseen = self._time.variances(frame.stamp_ns)
             predicted = compose_planar(self._state[:3], step)
-            grown = motion_variances(step, 1.0, 0.05, np.ones(2))
+            grown = any_step(step)
             variances = otherwise = grown + unseen
             if recorded is None and self._goes_on(frame):
-                variances = self._state[8:11] + self._state[11:14] + unseen
+                variances = next_variances(self._steps) + unseen
         else:
             predicted, variances = self._wheels[8:11].copy(), self._reckoned()
             otherwise = variances

@@ -12,7 +12,8 @@ from mapmyworld.geometry.planar import compose_planar, information_to_planar
 from mapmyworld.places.laser_candidates import NEAR
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import LaserNodes
-from mapmyworld.places.session_joining import LossPrior, SessionPlaces, locate_session
+from mapmyworld.places.session_joining import LossPrior, locate_session
+from mapmyworld.places.session_places import SessionPlaces
 from mapmyworld.types import Constraint, Judged, Progress
 
 Pair = tuple[int, int, int, int]

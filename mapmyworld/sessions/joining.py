@@ -15,7 +15,8 @@ from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation.known_images import KnownImages
 from mapmyworld.places.laser_nodes import held_by, load_node_scans, nodes_at
 from mapmyworld.places.session_closures import closures_between
-from mapmyworld.places.session_joining import Joint, SessionPlaces, find_joints, locate_session
+from mapmyworld.places.session_joining import Joint, find_joints, locate_session
+from mapmyworld.places.session_places import SessionPlaces
 from mapmyworld.registration.views import View
 from mapmyworld.sessions.copying import Placed
 from mapmyworld.sessions.session_maps import SessionMap

@@ -20,4 +20,4 @@ def named_moments(stamps_ns: Sequence[int], start_ns: int) -> str:
     """Seconds since the start, of the first few; the others are counted."""
     moments = [f"{(stamp - start_ns) * 1e-9:.0f} s" for stamp in stamps_ns[:NAMED]]
     more = len(stamps_ns) - len(moments)
-    return ", ".join(moments) + (f" and {more} times more" if more else "")
+    return ", ".join(moments) + (f" and {more} more" if more else "")

@@ -101,7 +101,7 @@ class SessionPlaces:
 
 
 def some_changed(odds: Array) -> float:
-    """The sum of `odds` (P,) in nats. A place may have changed, or drifted: none contradicts by more
-    than the share of such.
+    """The sum of `odds` (P,) in nats. A place may have changed, or drifted: none contradicts by
+    more than the share of such.
     """
     return float(np.logaddexp(np.log(1.0 - _CHANGED) + odds, np.log(_CHANGED)).sum())

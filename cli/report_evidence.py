@@ -135,14 +135,16 @@ def _matches(
     most: int | None,
 ) -> dict[int, ImageMatches]:
     """What the two images of those found by images share, looked at once more, `most` of them."""
-    from mapmyworld.config import Config
-    from mapmyworld.places.node_pairs import compare_pairs
-
     by_images = {
         k: (c.from_id, c.to_id)
         for k, c in shown.items()
         if isinstance(c.source, ImageMatch) or c.from_id not in scans or c.to_id not in scans
     }
+    if not by_images:
+        return {}
+    from mapmyworld.config import Config
+    from mapmyworld.places.node_pairs import compare_pairs
+
     found = zip(by_images, compare_pairs(store, by_images.values(), Config()), strict=True)
     compared = ((k, _shared(pair)) for k, pair in found if pair is not None)
     return dict(itertools.islice(compared, most))
@@ -164,11 +166,11 @@ def _shared(found: NodePair) -> ImageMatches:
 
 def _pictures(images: Iterable[tuple[int, ImageMessage]], count: int) -> dict[int, NodePicture]:
     """Small pictures of the nodes' images, about `count`."""
-    from formats.report.match_picture import node_picture
-
     width = next(width for most, width in _WIDTHS if count <= most)
 
     def small(item: tuple[int, ImageMessage]) -> tuple[int, NodePicture | None]:
+        from formats.report.match_picture import node_picture
+
         try:
             return item[0], node_picture(item[1], width)
         except (MapMyWorldError, ValueError):

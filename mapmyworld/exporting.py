@@ -71,12 +71,12 @@ def export_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
 
 def cloud_of(store: MapStore, config: Config) -> PointCloud | None:
     """The cloud of depth images or 3D scans; None where there are none."""
-    from mapmyworld.geometry.rigid import evenly_along
-    from mapmyworld.mapping.cloud_map import build_cloud
-
     kept = [store.node_data(node.id, features=False) for node in first_nodes(store.nodes())]
     if not any(data.cloud is not None or _depth_of(data) for data in kept):
         return None
+    from mapmyworld.geometry.rigid import evenly_along
+    from mapmyworld.mapping.cloud_map import build_cloud
+
     thinned = None
     if not any(_depth_of(data) for data in kept):
         # Voxels half as large as the points' spacing: finer ones hold one point each, and a drive's

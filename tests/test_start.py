@@ -6,8 +6,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 
+BUILD = """
+import sys
+from pathlib import Path
+from cli.main import group
+log, folder = map(Path, sys.argv[1:])
+group(["build", str(log), "-o", str(folder / "map.db"), "-q"], standalone_mode=False)
+assert (folder / "map.html").is_file()
+print("cv2" in sys.modules)
+"""
 KERNEL = """
 import numpy as np
 from formats.rvl import rvl_decode, rvl_encode
@@ -58,3 +69,14 @@ def test_what_is_tracked_first_takes_no_solver(tmp_path: Path) -> None:
     script = "import sys, mapmyworld.pipeline, mapmyworld.odometry.laser_odometry\n"
     script += "print({'scipy.linalg', 'cv2', 'gtsam'} & set(sys.modules))"
     assert printed_by(script, tmp_path) == "set()"
+
+
+@pytest.mark.real_log
+def test_a_map_by_laser_takes_no_image_codec(data: Path, tmp_path: Path) -> None:
+    """OpenCV takes 17 MB, and nothing of it is needed where there is no image."""
+    log = data / "laser" / "buildings" / "belgioioso.clf.bz2"
+    done = subprocess.run(
+        [sys.executable, "-c", BUILD, log, tmp_path],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.split()[-1] == "False"

@@ -73,8 +73,7 @@ def test_a_marker_becomes_a_landmark_where_it_hangs(length: float) -> None:
     assert error @ constraint.information @ error < 40  # within what it claims to know
 
 
-def test_no_dictionary_means_no_search_and_a_wrong_one_is_named() -> None:
-    assert find_markers(MemoryStore(), Config(), Silent()) == []
+def test_a_wrong_dictionary_is_named() -> None:
     visual = replace(VisualConfig(), markers="9x9_1")
     with pytest.raises(ConfigError, match="4x4_50"):
         find_markers(MemoryStore(), replace(Config(), visual=visual), Silent())

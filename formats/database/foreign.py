@@ -12,6 +12,7 @@ from formats.database import feature_rows
 from formats.database import foreign_graph as graph
 from formats.database.blobs import blob_to_matrix, blob_to_pose
 from formats.database.connection import Connection, Opened
+from formats.database.data_rows import node_data
 from formats.database.node_rows import blob_to_gps, nanoseconds
 from mapmyworld.errors import MapError
 from mapmyworld.types import (
@@ -125,8 +126,6 @@ class RtabmapStore(Opened):
         stamp = self._db.row("SELECT stamp FROM Node WHERE id = ?", (node_id,))
         if stamp is None:
             raise MapError(f"{self.path}: there is no node {node_id}")
-        from formats.database.data_rows import node_data
-
         wanted = ("image", "depth", "calibration", "scan", "scan_info")
         found = ", ".join(c if self._has("Data", c) else "NULL" for c in wanted)
         row = self._db.row(f"SELECT {found} FROM Data WHERE id = ?", (node_id,))

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database import feature_rows
+from formats.database import data_rows, feature_rows
 from formats.database import node_rows as rows
 from formats.database.connection import Connection
 from formats.database.node_rows import StorageOptions
@@ -33,8 +33,6 @@ class NodeTables(Transactions):
         self._restore_session()
 
     def add_node(self, node: Node, data: NodeData) -> None:
-        from formats.database import data_rows
-
         self._begin()
         self._nodes = None
         if not self._previous:
@@ -63,8 +61,6 @@ class NodeTables(Transactions):
         )
         if own is None:
             raise MapError(f"{self.path}: there is no node {node_id}")
-        from formats.database import data_rows
-
         row = self._db.row(data_rows.SELECT_DATA, (node_id,))
         return data_rows.node_data(self._db, node_id, row, own[1:], own[0], features)
 

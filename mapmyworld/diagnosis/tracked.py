@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from mapmyworld.config import Config
-from mapmyworld.diagnosis.cameras import camera_clock, camera_findings
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.lasers import distance_scale, laser_findings
 from mapmyworld.diagnosis.rotation import time_offset
@@ -26,6 +25,8 @@ def diagnose(log: LogSource, plan: Plan, config: Config) -> tuple[Finding, ...]:
     framed = [frame for frame in frames if frame.images]
     findings = list(laser_findings(frames, plan, config.registration))
     if framed:
+        from mapmyworld.diagnosis.cameras import camera_clock, camera_findings
+
         odometry = [frame.odom_from_base for frame in framed]
         findings += camera_findings(odometry, framed.__getitem__, plan, config)
         findings += camera_clock(framed, plan, frames[0].stamp_ns)
@@ -67,6 +68,7 @@ def _camera_findings(store: MapStore, plan: Plan, config: Config) -> Iterator[Fi
     nodes = store.nodes()
     if plan.camera is None or not nodes:
         return
+    from mapmyworld.diagnosis.cameras import camera_findings
 
     def frame_at(index: int) -> Frame:
         """What the map kept of a node's frame, to be looked at once more."""

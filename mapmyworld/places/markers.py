@@ -34,11 +34,9 @@ _UNIT = np.array([[-0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.5, -0.5, 0.0], [-0.5, -0
 def find_markers(store: MapStore, config: Config, progress: Progress) -> list[Judged]:
     """A landmark constraint for every marker seen from a node; marker m is landmark -(m + 1).
 
-    The marker's frame lies in its middle, x to the right, y up, z towards the viewer. Nothing is
-    looked for unless `visual.markers` names a dictionary.
+    The marker's frame lies in its middle, x to the right, y up, z towards the viewer;
+    `visual.markers` names the dictionary.
     """
-    if not config.visual.markers:
-        return []
     detector = _detector(config.visual.markers)
     nodes = store.nodes()
     progress.stage("markers", len(nodes), "nodes")

@@ -46,9 +46,10 @@ def recognise(
 
     `words`: a vocabulary, number -> descriptor (D,), used instead of one learned from the log.
     """
-    from mapmyworld.places.markers import find_markers
+    if config.visual.markers:
+        from mapmyworld.places.markers import find_markers
 
-    store.add_constraints(find_markers(store, config, progress))
+        store.add_constraints(find_markers(store, config, progress))
     loaded, found = scans(), []
     if loaded is not None:
         found += closures_by_laser(store, config, progress, loaded)

@@ -25,10 +25,10 @@ SELECT_DATA = "SELECT image, depth, calibration, scan, scan_info FROM Data WHERE
 def data_row(node_id: int, data: NodeData, options: StorageOptions) -> Row | None:
     """RTAB-Map's row of a node's data; None where there are none."""
     images = data.images if options.store_images else ()
-    pictures: tuple[bytes | None, bytes | None] = (None, None)
     if not images and data.scan is None and data.cloud is None:
         return None
     scan: tuple[bytes | None, bytes | None] = (None, None)
+    pictures = scan
     if data.scan is not None:
         scan = scan_to_columns(data.scan)
     elif data.cloud is not None:

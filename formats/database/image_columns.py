@@ -70,14 +70,14 @@ def columns_to_images(
     stamps: list[int],
     what: str,
 ) -> tuple[RgbdImage, ...]:
-    """One a camera, of which `eyes` give the calibration and a stereo pair's scale.
+    """One a camera, of which `eyes` give the calibration and a stereo pair's scale; at least one.
 
     Of a stereo pair, depth is worked out from both images when it is asked for.
     """
     cameras, scales = [camera for camera, _ in eyes], [scale for _, scale in eyes]
     picture = image_blobs.decode_picture
     colours = _strips(image, len(eyes), stamps, f"{what}'s image", picture, "rgb8")
-    if scales[:1] in ([], [None]):
+    if scales[0] is None:
         deep = image_blobs.decode_depth
         depths = _strips(depth, len(eyes), stamps, f"{what}'s depth", deep, "32FC1")
     else:
@@ -110,7 +110,7 @@ def _strips(
     encoding: str,
 ) -> list[ImageMessage | None]:
     """The images of `count` cameras in one file, decoded when asked for."""
-    if data is None or len(data) <= 4 or count == 0:
+    if data is None or len(data) <= 4:
         return [None] * count
     width, height = image_blobs.image_size(data, what)
     if encoding == "rgb8" and is_grey(data):

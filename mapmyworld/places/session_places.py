@@ -56,7 +56,7 @@ class SessionPlaces:
         """
         known = [(one.hits, one.contradictions) for one in reports if one.log_odds]
         hits, misses = np.reshape(known, (-1, 2)).T
-        share = self._agreement - _MOVED
+        share = (1.0 - _MOVED) * self._agreement
         here, any_share = (_PLACE * share, _PLACE * (1.0 - share)), (1.0, 1.0)
         same, other = (betaln(hits + a, misses + b) - betaln(a, b) for a, b in (here, any_share))
         return some_changed(same - other)

@@ -118,6 +118,7 @@ BY_WORDS = {
     "no odometry near their stamp": "keep the machines' clocks in step; check the odometry's rate",
     "image(s) left out: not decodable": "check the driver; the sound images are used",
     "the robot stood still": "drive it through the place that is to be mapped",
+    "places do not go with": "look there in the report; `edit` adds and rejects constraints",
     "limits.unpacked_gb": "set it higher if the size is right; else copy the log again",
     "limits.chunk_mb": "the chunk is left out; set limits.chunk_mb higher if its size is right",
 }  # fmt: skip

@@ -76,7 +76,7 @@ def build_map(
         from mapmyworld.stages.track_particles import finish_particles, track_particles
 
         run("track", lambda: track_particles(log, deskewed_plan(), *given), method)
-        run("fastslam", lambda: finish_particles(store))
+        run("fastslam", lambda: finish_particles(store, config))
     else:
         scans = scan_loader(store, config)
         run("track", lambda: track(log, deskewed_plan(), *given))

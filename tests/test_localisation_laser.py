@@ -19,10 +19,11 @@ from mapmyworld.geometry.planar import (
     wrap_angle,
 )
 from mapmyworld.kernels.map_search import cast_rays
-from mapmyworld.localisation.global_localisation import GlobalLocalisation
+from mapmyworld.localisation.global_localisation import Discovery, GlobalLocalisation
 from mapmyworld.localisation.known_place import KnownPlace, known_place_from_grid
 from mapmyworld.localisation.laser_localisation import LaserLocaliser
 from mapmyworld.localisation.observation import Moment
+from mapmyworld.places.refuted_odometry import FAULT_ODDS
 from mapmyworld.registration.place_evidence import Place
 from mapmyworld.registration.scan_matching import prepare_scan
 from mapmyworld.registration.scan_search import Submap
@@ -108,6 +109,40 @@ def test_what_was_seen_before_a_loss_does_not_hold_the_search_there(place: Known
             break
     assert found is not None
     assert np.hypot(*(found.match.pose - after[k])[:2]) < 0.1
+
+
+def test_where_motions_led_on_another_place_takes_the_odds_of_a_fault(
+    place: KnownPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Recognised by a little more than chance: enough where nothing is known of the robot."""
+    pose = DRIVEN[45]
+    moment = moment_at(pose, pose, np.zeros(3), 0)
+    whole = place.whole
+    view = Place.seen_by(moment.scan)
+    there = whole.find(view)
+    assert there is not None
+    odds = whole.report(view, there).log_odds
+    monkeypatch.setattr(type(whole), "needed_odds", lambda *_: odds - 0.5 * FAULT_ODDS)
+
+    def found(reckoned: Array | None) -> Discovery | None:
+        seeker = GlobalLocalisation(place, Config())
+        seeker.begin(moment, reckoned)
+        return seeker.look(moment)
+
+    assert found(None) is not None
+    assert found(np.array([-3.0, 0.0, 1.5])) is None
+
+
+def test_a_recognition_that_was_none_leaves_the_pose_as_it_was_reckoned(place: KnownPlace) -> None:
+    """Given up unconfirmed, the robot is looked for again where motions led it before."""
+    pose = DRIVEN[45]
+    moment = moment_at(pose, pose, np.zeros(3), 0)
+    seeker = GlobalLocalisation(place, Config())
+    seeker.begin(moment, pose)
+    seeker.begin(moment, None)
+    found = seeker.look(moment)
+    assert found is not None
+    assert found.supported
 
 
 def moment_at(

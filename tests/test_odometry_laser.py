@@ -110,6 +110,26 @@ def test_odometry_interpolated_over_a_stall_does_not_hold_the_path() -> None:
     assert tracker.verdicts["odometry ignored"] == 0
 
 
+def test_odometry_that_stood_while_the_robot_moved_on_counts_from_before() -> None:
+    """Scans 0.6 to 0.9 m apart, two of them while it stands: then it has caught up, and is right.
+
+    Counted from where scans placed the robot meanwhile it would lie two steps ahead.
+    """
+    truth = np.array([
+        [-3, 0, 0], [-2.4, 0, 0], [-1.8, 0, 0], [-1.2, 0, 0.4], [-0.6, 0.3, 0.8],
+        [-0.3, 1.1, 1.2], [-0.5, 1.7, 1.9], [-1, 2, 2.4],
+    ], np.float64)  # fmt: skip
+    steps = between_planar(truth[:-1], truth[1:])
+    steps[4] = between_planar(truth[2], truth[5])
+    steps[2:4] = 0.0
+    tracked, _ = follow([cast(p, WALLS, k) for k, p in enumerate(truth)], integrate(steps))
+    ignored = [moment.verdict == "odometry ignored" for moment in tracked]
+    assert ignored == [False, False, False, True, True, False, False, False]
+    metres, radians = errors(tracked, truth)
+    assert metres < 0.02
+    assert radians < 0.01
+
+
 @pytest.mark.parametrize("step", [0.07, 0.1, 0.15])
 def test_a_match_that_explains_far_less_than_those_before_is_no_match(step: float) -> None:
     """Back and forth past a niche, which odometry counts as forwards: the walls fit all along."""

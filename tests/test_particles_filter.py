@@ -18,7 +18,6 @@ from mapmyworld.evaluation import ate, relations_score
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.kernels.wheel_model import new_wheels
 from mapmyworld.mapping.occupancy import build_grid
-from mapmyworld.particles.contradictions import Contradictions, contradictions
 from mapmyworld.particles.fastslam import beams_from_scan, run_fastslam
 from mapmyworld.particles.filter import ParticleFilter
 from mapmyworld.particles.history import loops_reentered
@@ -344,29 +343,6 @@ def test_how_far_end_points_lie_from_surfaces_is_learnt_from_the_scans(noise: fl
         z = Beams(exact.points * off[:, None], exact.normals, exact.origin)
         particles.step(motions[k - 1 : k] if k else [], [z])
     assert particles.surface_sigma == pytest.approx(3.0 * noise, rel=0.5)
-
-
-def test_visits_that_see_through_each_others_walls_show_that_a_filter_diverged() -> None:
-    """Two laps: as driven, and with the second one 1 m and 20 degrees off."""
-    truth = drive_round(2.0)[::2]
-    scans = [beams_at(RING, pose) for pose in truth]
-    sound = contradictions(truth, scans)
-    assert sound.compared >= 8
-    assert sound.contradicting == 0
-    assert not sound.diverged
-    bent = truth.copy()
-    half = len(truth) // 2
-    bent[half:] = compose_planar(np.array([1.0, 0.5, 0.35]), truth[half:])
-    fallen = contradictions(bent, scans)
-    assert fallen.contradicting >= 3
-    assert fallen.diverged
-
-
-def test_one_contradiction_in_a_hundred_is_chance_and_five_are_not() -> None:
-    assert not Contradictions(0, 0).diverged
-    assert not Contradictions(150, 1).diverged
-    assert Contradictions(150, 6).diverged
-    assert Contradictions(20, 3).diverged
 
 
 def drifted(yaw: float) -> tuple[Array, Array, Array]:

@@ -16,9 +16,7 @@ from cli.main import group
 from mapmyworld.api import Silent
 from mapmyworld.config import Config, ParticlesConfig
 from mapmyworld.geometry.planar import planar_to_matrix
-from mapmyworld.particles.contradictions import Contradictions
-from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
-from mapmyworld.stages import track_particles as stage
+from mapmyworld.particles.fastslam import run_fastslam
 from mapmyworld.types import Frame, LaserScanMessage
 
 LEFT = np.stack([np.linspace(-3.0, -1.0, 21), np.full(21, 1.0), np.zeros(21)], axis=-1)
@@ -62,19 +60,3 @@ def test_a_lost_robot_ends_with_exit_code_3(tmp_path: Path) -> None:
     built = build(log, tmp_path / "map.db")
     assert built.exit_code == 3
     assert "no global search" in built.stderr
-
-
-def test_a_filter_that_diverged_ends_with_exit_code_3(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    log = tmp_path / "room.mcap"
-    drive().write(log)
-    assert build(log, tmp_path / "sound.db").exit_code == 0
-
-    def diverged(*arguments: Any) -> FastSlamResult:
-        return replace(run_fastslam(*arguments), revisits=Contradictions(20, 5))
-
-    monkeypatch.setattr(stage, "run_fastslam", diverged)
-    built = build(log, tmp_path / "map.db")
-    assert built.exit_code == 3
-    assert "5 of 20 pairs of visits" in built.stderr

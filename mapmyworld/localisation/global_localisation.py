@@ -15,6 +15,7 @@ from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.localisation.observation import SEARCHED, Moment, fit_at, match_at
 from mapmyworld.places.laser_candidates import FIRST_WINDOW
 from mapmyworld.places.path_drift import SIGMAS
+from mapmyworld.places.refuted_odometry import FAULT_ODDS
 from mapmyworld.registration.place_evidence import Agreement, Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, Match, scan_set
 from mapmyworld.registration.scan_search import APART, MARGIN, NATS, Submap
@@ -53,13 +54,16 @@ class GlobalLocalisation:
             self._reckoned, self._covariance = moment.moved(self._reckoned, self._covariance)
 
     def begin(self, moment: Moment, reckoned: Array | None) -> None:
-        """The place is lost; `reckoned` (3,) is where the robot was thought to be, if anywhere.
+        """The place is lost; `reckoned` (3,) is where the robot was known to be, if anywhere.
 
         What was seen before speaks for that pose however far the robot was carried since: it is
-        forgotten then, and so is what lies beyond a doubtful motion.
+        forgotten then, and so is what lies beyond a doubtful motion. A recognition that nothing
+        confirmed leaves the pose as it was reckoned before.
         """
-        self._reckoned = None if moment.motion_lost else reckoned
-        self._covariance = np.zeros((3, 3))
+        if moment.motion_lost:
+            self._reckoned = None
+        elif reckoned is not None:
+            self._reckoned, self._covariance = reckoned, np.zeros((3, 3))
         if reckoned is not None or moment.shaken:
             self._recent.forget()
             self._recent.add(moment)
@@ -109,10 +113,14 @@ class GlobalLocalisation:
         return pose if said.log_odds >= NATS * needed_evidence(*window) else None
 
     def _anywhere(self, place: Place) -> Array | None:
-        """The one pose at which the map explains the place; None where that is open."""
+        """The one pose at which the map explains the place; None where that is open.
+
+        Where motions led on, another place than theirs takes a fault that nothing indicated.
+        """
         whole = self._place.whole
-        pose = whole.find(place)
-        if pose is None or whole.report(place, pose).log_odds < whole.needed_odds(self._tries):
+        pose, needed = whole.find(place), whole.needed_odds(self._tries)
+        needed += 0.0 if self._reckoned is None else FAULT_ODDS
+        if pose is None or whole.report(place, pose).log_odds < needed:
             return None
         return None if whole.is_elsewhere(place, pose) is not False else pose
 

@@ -68,6 +68,7 @@ class LaserTracker:
         self._steps = new_steps()
         self._wheels = new_wheels() if wheels is None else wheels.copy()
         anchor(self._wheels, np.zeros(3))
+        self._stalled: Array | None = None  # wheels of before they repeated a pose and scans moved
         self._time = UnobservedMotion()
         self._last_odometry: Array | None = None
         self._first_ns: int | None = None
@@ -108,6 +109,8 @@ class LaserTracker:
                 self._degenerate.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
                 self._time.take(frames[k].stamp_ns, out[k, :3])
             self._faults.steps += int(np.isfinite(recorded[first:last, 0]).sum())
+            if recorded[first:last].any():
+                self._stalled = None
             if last < len(frames):
                 step = None if np.isnan(recorded[last, 0]) else recorded[last]
                 tracked.append(self._look_closely(frames[last], scans.one(last), step))
@@ -147,7 +150,8 @@ class LaserTracker:
         self._last_odometry = poses[-1]
         unknown = np.full((4, 4), np.nan)
         planar = matrix_to_planar(np.stack([unknown if p is None else p for p in poses]))
-        return np.ascontiguousarray(between_planar(planar[:-1], planar[1:]))
+        stands = (planar[1:] == planar[:-1]).all(axis=1)
+        return np.where(stands[:, None], 0.0, between_planar(planar[:-1], planar[1:]))
 
     def _look_closely(
         self, frame: Frame, scan: PreparedScan, recorded: Array | None
@@ -179,9 +183,11 @@ class LaserTracker:
         return tracked
 
     def _follow(self, frame: Frame, scan: PreparedScan, recorded: Array | None) -> LaserMotion:
-        before = self._reckoned()
+        before, stalled = self._reckoned(self._wheels), None
         if recorded is not None:
             reckon(self._wheels, recorded)
+            if recorded.any():
+                stalled, self._stalled = self._stalled, None
         if recorded is None or frame.is_interpolated:  # expected to go on as it did
             step, unseen = recorded, np.zeros(3)
             if step is None:
@@ -193,7 +199,7 @@ class LaserTracker:
             if recorded is None and self._goes_on(frame):
                 variances = next_variances(self._steps) + unseen
         else:
-            predicted, variances = self._wheels[8:11].copy(), self._reckoned()
+            predicted, variances = self._wheels[8:11].copy(), self._reckoned(self._wheels)
             otherwise = variances
             grown = np.maximum(variances - before, STEP_VARIANCE)
         if len(scan.rows) < FEWEST or not self._keyframes.count:
@@ -203,6 +209,15 @@ class LaserTracker:
         if recorded is None and self._time.may_have_left(frame.stamp_ns):
             return self._lost(frame, predicted, variances, 0.0)
         match, verdict = self._matched(scan, prior)
+        if stalled is not None and recorded is not None and verdict != "matched":
+            # Odometry that stood while the robot moved on may catch up: it counts from before.
+            reckon(stalled, recorded)
+            errs = self._reckoned(stalled)
+            caught_up = Prior(stalled[8:11].copy(), errs, has_odometry=True, otherwise=errs)
+            other, its_verdict = self._matched(scan, caught_up)
+            if its_verdict == "matched" or verdict == "lost":
+                match, verdict, self._wheels = other, its_verdict, stalled
+                prior, predicted, variances = caught_up, caught_up.pose, errs
         if verdict == "lost":
             return self._unmatched(frame, scan, prior, grown, match.overlap)
         measured = None if frame.is_interpolated else recorded
@@ -220,10 +235,10 @@ class LaserTracker:
         """Whether the last frame's scan showed where the robot was, and this one comes soon."""
         return self._time.is_placed and self._time.goes_on(frame.stamp_ns)
 
-    def _reckoned(self) -> Array:
-        """(3,) variances of the odometry since the last keyframe."""
+    def _reckoned(self, wheels: Array) -> Array:
+        """(3,) variances of the odometry of a model (15,) since the last keyframe."""
         share, floor = self._odometry.relative_noise, self._odometry.absolute_noise
-        return np.asarray(reckoned_variances(self._wheels, share, floor))
+        return np.asarray(reckoned_variances(wheels, share, floor))
 
     def _unmatched(
         self, frame: Frame, scan: PreparedScan, prior: Prior, grown: Array, overlap: float
@@ -275,6 +290,8 @@ class LaserTracker:
         if recorded is not None:
             found = innovation(predicted, match.pose, match.information, variances)
             if is_new or verdict != "matched":
+                if not recorded.any() and self._stalled is None and verdict != "matched":
+                    self._stalled = self._wheels.copy()
                 learn(self._wheels, found, variances, self._odometry.relative_noise, weak)
                 anchor(self._wheels, match.pose)
             self._faults.steps += 1

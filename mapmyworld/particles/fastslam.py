@@ -21,7 +21,6 @@ from mapmyworld.geometry.planar import (
 )
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.parallel import batches
-from mapmyworld.particles.contradictions import Contradictions, contradictions
 from mapmyworld.particles.filter import Generation, ParticleFilter
 from mapmyworld.particles.history import paths_of, summary_of
 from mapmyworld.particles.kernels.surface_tiles import Beams
@@ -48,8 +47,6 @@ class FastSlamResult:
     summary: dict[str, Any]
     paths: dict[str, list[Any]]
     """How the filter went, in numbers and as a picture's lines."""
-    revisits: Contradictions
-    """What visits to the same places report of each other in the final map."""
     times_lost: int
     """Scans that fit nothing seen before while there was no odometry."""
     notes: tuple[str, ...]
@@ -120,7 +117,6 @@ def run_fastslam(
         covariances=_covariances_of_frames(generations, record),
         summary=summary_of(generations, updates, np.array(record.updates)),
         paths=paths_of(generations, updates),
-        revisits=contradictions(updates, record.beams),
         times_lost=record.times_lost,
         notes=tracker.notes(),
         losses=tracker.losses(),

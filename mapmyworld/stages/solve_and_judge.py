@@ -63,6 +63,7 @@ def solve_and_judge(
     wanted = [edit for edit in _edits(store) if edit.action is EditAction.ACCEPT]
     others = unmet(constraints, wanted)
     others += _contradictions(store, config, progress, solved, poses)
+    others += _misplaced(store, scans)
     note_solution(store, solved.certainty, others, notes, _divides(scans), noise)
 
 
@@ -197,6 +198,23 @@ def _contradictions(
     together = functools.cache(lambda: fought(unmet_ones))
     few = len(unmet_ones) <= _ALONE
     return [contradiction(one, (few and fought([one])) or together()) for one in unmet_ones]
+
+
+def _misplaced(store: MapStore, scans: LoadScans) -> list[str]:
+    """What the user should know of a map in which places do not go with other visits of them."""
+    loaded = scans()
+    if loaded is None or not moves_in_plane(store):
+        return []
+    from mapmyworld.places.laser_nodes import held_by, nodes_at
+    from mapmyworld.places.misplaced import misplaced_places
+
+    found = misplaced_places(held_by(nodes_at(loaded, store.poses()), store.constraints()))
+    if not found.fell_apart:
+        return []
+    return [
+        f"the map contradicts itself: {found.named(loaded.nodes)}; add or reject constraints "
+        "there with mapmyworld edit"
+    ]
 
 
 def _solve(

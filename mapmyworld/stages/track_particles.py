@@ -10,8 +10,9 @@ from mapmyworld.config import Config
 from mapmyworld.errors import LogError
 from mapmyworld.geometry.planar import covariance_from_planar, planar_to_matrix
 from mapmyworld.graph.frame_poses import pose_every_frame
-from mapmyworld.particles.contradictions import Contradictions
 from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
+from mapmyworld.places.laser_nodes import load_node_scans, nodes_at
+from mapmyworld.places.misplaced import misplaced_places
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.stages.first_pass import wheels_of_log
 from mapmyworld.stages.nodes import Motion
@@ -41,8 +42,11 @@ def track_particles(
     store.put("particle_paths", result.paths)
 
 
-def finish_particles(store: MapStore) -> None:
-    """The best particle's path as the map's poses, its spread as their covariances."""
+def finish_particles(store: MapStore, config: Config) -> None:
+    """The best particle's path as the map's poses, its spread as their covariances.
+
+    Of particles that are all wrong one is the best: what the map contradicts shows it.
+    """
     nodes = store.nodes()
     spread = np.array(store.get("particle_spread")).reshape(-1, 3, 3)
     covariances = covariance_from_planar(spread[: len(nodes)])
@@ -50,6 +54,14 @@ def finish_particles(store: MapStore) -> None:
     poses = Poses(ids, np.stack([node.tracked_from_base for node in nodes]), covariances)
     store.set_poses(poses)
     store.set_frame_poses(pose_every_frame(nodes, poses, store.tracked_frames()))
+    loaded = load_node_scans(store, config)
+    found, losses = misplaced_places(nodes_at(loaded, poses)), list[str]()
+    if found.fell_apart:
+        losses.append(
+            f"the particle filter diverged: {found.named(loaded.nodes)}; use --method graph, or "
+            "increase particles.count"
+        )
+    store.put("solve", {"losses": losses})
 
 
 class _PathFollower:
@@ -58,7 +70,7 @@ class _PathFollower:
     def __init__(self, result: FastSlamResult) -> None:
         self._path = planar_to_matrix(result.path)
         self._notes = result.notes
-        self._losses = (*result.losses, *_lost(result.times_lost), *_divergence(result.revisits))
+        self._losses = (*result.losses, *_lost(result.times_lost))
 
     def follow(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Motion]]:
         with_scan = (frame for frame in frames if frame.scan is not None)
@@ -79,15 +91,4 @@ def _lost(times: int) -> tuple[str, ...]:
     return (
         f"tracking was lost {times} times without odometry, and the particle filter has no global "
         "search: the map may be wrong from there on; use --method graph",
-    )
-
-
-def _divergence(revisits: Contradictions) -> tuple[str, ...]:
-    """What the user should know of a map that fell apart."""
-    if not revisits.diverged:
-        return ()
-    return (
-        f"the particle filter diverged: {revisits.contradicting} of {revisits.compared} pairs of "
-        "visits to the same place contradict each other; use --method graph, or increase "
-        "particles.count",
     )

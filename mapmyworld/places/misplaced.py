@@ -10,6 +10,7 @@ other's points is the evidence that recognition decides by.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -29,6 +30,7 @@ from mapmyworld.types import Node
 _LENGTH = 5.0  # m of path that make a place: no tracking drifts much in so little
 _AWAY = 15.0  # m of path between two visits of a place
 _NEAR = 8.0  # m between the middles of places that share surfaces
+_AT_ONCE = 8  # places that are held in memory
 _CHANCE = 0.01  # of evidence beyond `MARGIN` against a pose that is right; and of a false alarm
 
 
@@ -71,14 +73,18 @@ def misplaced_places(nodes: LaserNodes) -> Misplaced:
     visits = np.split(seeing, begins)
     middles = np.array([visit[len(visit) // 2] for visit in visits])
     travelled = travelled[np.searchsorted(seeing, middles)]
-    places = [Place.of(submap_of(nodes, *one)) for one in zip(visits, middles, strict=True)]
     known, doubted = set[int](), set[int]()
-    for i, place in enumerate(places):
+
+    @functools.lru_cache(_AT_ONCE)
+    def place(k: int) -> Place:
+        return Place.of(submap_of(nodes, visits[k], middles[k]))
+
+    for i in range(len(visits)):
         for j in _other_visits(nodes, middles, travelled, i, _NEAR):
             if j < i:
                 continue
             i_from_j = between_planar(*nodes.poses[middles[[i, j]]])
-            found = place.agreement_with(places[j], i_from_j)
+            found = place(i).agreement_with(place(j), i_from_j)
             if found.hits + found.contradictions > MARGIN:
                 known |= {i, j}
                 doubted |= {i, j} if found.evidence < -MARGIN else set()
@@ -86,7 +92,7 @@ def misplaced_places(nodes: LaserNodes) -> Misplaced:
     for k in sorted(doubted):
         others = _other_visits(nodes, middles, travelled, k, 2.0 * _NEAR)
         seen = np.concatenate([visits[i] for i in others])
-        if _is_misplaced(places[k], map_of_scans(submap_of(nodes, seen, middles[k]))):
+        if _is_misplaced(place(k), map_of_scans(submap_of(nodes, seen, middles[k]))):
             rows.append(int(middles[k]))
     return Misplaced(len(known), tuple(rows))
 

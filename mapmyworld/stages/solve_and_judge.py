@@ -209,6 +209,7 @@ def _misplaced(store: MapStore, scans: LoadScans) -> list[str]:
     from mapmyworld.places.misplaced import misplaced_places
 
     found = misplaced_places(held_by(nodes_at(loaded, store.poses()), store.constraints()))
+    loaded.scans.let_go()
     if not found.fell_apart:
         return []
     return [

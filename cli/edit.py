@@ -41,7 +41,7 @@ def edit(
     same log into MAP replays them. `mapmyworld inspect graph` prints lines to paste. The grid,
     path, cloud and report that `build` wrote beside MAP are written again. Printed is every
     constraint that is accepted now and was not, or the other way round; the exit code is 3 where
-    what you state is contradicted by the rest of the graph.
+    the rest of the graph contradicts what you state, or the map contradicts itself.
 
     \b
     [[reject]]                  # or [[accept]]; kind = "proximity" may be added

@@ -183,41 +183,29 @@ class LaserTracker:
         return tracked
 
     def _follow(self, frame: Frame, scan: PreparedScan, recorded: Array | None) -> LaserMotion:
-        before, stalled = self._reckoned(self._wheels), None
+        before, stalled = self._by_wheels(self._wheels).variances, None
         if recorded is not None:
             reckon(self._wheels, recorded)
             if recorded.any():
                 stalled, self._stalled = self._stalled, None
-        if recorded is None or frame.is_interpolated:  # expected to go on as it did
-            step, unseen = recorded, np.zeros(3)
-            if step is None:
-                step = self._time.step(frame.stamp_ns, self._state[3:6])
-                unseen = self._time.variances(frame.stamp_ns)
-            predicted = compose_planar(self._state[:3], step)
-            grown = any_step(step)
-            variances = otherwise = grown + unseen
-            if recorded is None and self._goes_on(frame):
-                variances = next_variances(self._steps) + unseen
+            if stalled is not None:
+                reckon(stalled, recorded)
+        if recorded is None or frame.is_interpolated:
+            prior, grown = self._going_on(frame, recorded)
         else:
-            predicted, variances = self._wheels[8:11].copy(), self._reckoned(self._wheels)
-            otherwise = variances
-            grown = np.maximum(variances - before, STEP_VARIANCE)
+            prior = self._by_wheels(self._wheels)
+            grown = np.maximum(prior.variances - before, STEP_VARIANCE)
         if len(scan.rows) < FEWEST or not self._keyframes.count:
             verdict = "lost" if recorded is None else "odometry only"
-            return LaserMotion(predicted, np.diag(grown), verdict, 0.0)
-        prior = Prior(predicted, variances, recorded is not None, otherwise)
+            return LaserMotion(prior.pose, np.diag(grown), verdict, 0.0)
         if recorded is None and self._time.may_have_left(frame.stamp_ns):
-            return self._lost(frame, predicted, variances, 0.0)
+            return self._lost(frame, prior.pose, prior.variances, 0.0)
         match, verdict = self._matched(scan, prior)
-        if stalled is not None and recorded is not None and verdict != "matched":
-            # Odometry that stood while the robot moved on may catch up: it counts from before.
-            reckon(stalled, recorded)
-            errs = self._reckoned(stalled)
-            caught_up = Prior(stalled[8:11].copy(), errs, has_odometry=True, otherwise=errs)
+        if stalled is not None and verdict != "matched":
+            caught_up = self._by_wheels(stalled)  # counted from before it stood
             other, its_verdict = self._matched(scan, caught_up)
             if its_verdict == "matched" or verdict == "lost":
-                match, verdict, self._wheels = other, its_verdict, stalled
-                prior, predicted, variances = caught_up, caught_up.pose, errs
+                match, verdict, prior, self._wheels = other, its_verdict, caught_up, stalled
         if verdict == "lost":
             return self._unmatched(frame, scan, prior, grown, match.overlap)
         measured = None if frame.is_interpolated else recorded
@@ -227,18 +215,32 @@ class LaserTracker:
         is_new = self._keyframes.is_new(match, self._settings)
         if is_new:
             self._keyframes.learn_matching(scan, match, self._settings)
-        return self._placed(
-            frame.stamp_ns, measured, predicted, variances, match, verdict, is_new=is_new
-        )
+        return self._placed(frame.stamp_ns, measured, prior, match, verdict, is_new=is_new)
+
+    def _going_on(self, frame: Frame, recorded: Array | None) -> tuple[Prior, Array]:
+        """Where a robot is expected that goes on as it did, or as interpolated, and by how much it
+        may not.
+        """
+        step, unseen = recorded, np.zeros(3)
+        if step is None:
+            step = self._time.step(frame.stamp_ns, self._state[3:6])
+            unseen = self._time.variances(frame.stamp_ns)
+        grown = any_step(step)
+        variances = otherwise = grown + unseen
+        if recorded is None and self._goes_on(frame):
+            variances = next_variances(self._steps) + unseen
+        expected = compose_planar(self._state[:3], step)
+        return Prior(expected, variances, recorded is not None, otherwise), grown
 
     def _goes_on(self, frame: Frame) -> bool:
         """Whether the last frame's scan showed where the robot was, and this one comes soon."""
         return self._time.is_placed and self._time.goes_on(frame.stamp_ns)
 
-    def _reckoned(self, wheels: Array) -> Array:
-        """(3,) variances of the odometry of a model (15,) since the last keyframe."""
+    def _by_wheels(self, wheels: Array) -> Prior:
+        """Where the odometry of a model (15,) leads to since the last keyframe."""
         share, floor = self._odometry.relative_noise, self._odometry.absolute_noise
-        return np.asarray(reckoned_variances(wheels, share, floor))
+        variances = np.asarray(reckoned_variances(wheels, share, floor))
+        return Prior(wheels[8:11].copy(), variances, has_odometry=True, otherwise=variances)
 
     def _unmatched(
         self, frame: Frame, scan: PreparedScan, prior: Prior, grown: Array, overlap: float
@@ -280,15 +282,16 @@ class LaserTracker:
         return LaserMotion(pose, np.diag(variances), "lost", overlap, is_tracking_loss=True)
 
     def _placed(
-        self, stamp_ns: int, recorded: Array | None, predicted: Array, variances: Array,
-        match: Match, verdict: str, *, is_new: bool,
+        self, stamp_ns: int, recorded: Array | None, prior: Prior, match: Match, verdict: str,
+        *, is_new: bool,
     ) -> LaserMotion:  # fmt: skip
         """What a match that is believed reports about the motion, and of the odometry."""
+        variances = prior.variances
         moved = between_planar(self._state[:3], match.pose)
         weak = is_degenerate(match.information)
         self._degenerate.add(stamp_ns, float(np.hypot(*moved[:2])), weak=weak)
         if recorded is not None:
-            found = innovation(predicted, match.pose, match.information, variances)
+            found = innovation(prior.pose, match.pose, match.information, variances)
             if is_new or verdict != "matched":
                 if not recorded.any() and self._stalled is None and verdict != "matched":
                     self._stalled = self._wheels.copy()

@@ -17,6 +17,7 @@ from mapmyworld.backend.factors import FactorGraph, elimination_order, factor_gr
 from mapmyworld.backend.system import System
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array, Index
+from mapmyworld.heap import give_back
 
 
 class NotPositiveDefiniteError(GraphError):
@@ -142,9 +143,9 @@ class Information:
         """At the graph's values; raises `NotPositiveDefiniteError`."""
         variables = Variables.of(graph.values)
         order = variables.elimination(graph.factors)
-        # In one expression: nothing of gtsam's is kept while SuperLU makes its factors.
         linear = graph.factors.linearize
         normal = normal_matrix(variables.jacobian(linear(graph.values))[0], order)
+        give_back()  # gtsam's linear factors: SuperLU's come on top of what is held
         return Information(graph.values, variables, Factorised.of(normal, order))
 
     def marginals(self, keys: Index) -> list[Array]:

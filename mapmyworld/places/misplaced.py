@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar
@@ -46,7 +46,7 @@ class Misplaced:
     @property
     def fell_apart(self) -> bool:
         """Whether more places are misplaced than by chance where all are right."""
-        return bool(binom.sf(len(self.rows) - 1, self.compared, _CHANCE) < _CHANCE)
+        return bool(bdtrc(len(self.rows) - 1, self.compared, _CHANCE) < _CHANCE)
 
     def named(self, nodes: Sequence[Node]) -> str:
         """How many they are, and when the robot was there, given the nodes by row."""

@@ -10,7 +10,7 @@ from mapmyworld.geometry.rigid import between, interpolate, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.sensing.motion import RecordedMotion
 
-_FASTEST = 0.99  # quantile of the log's own speeds beyond which a step is none of the robot's
+_FASTEST = 0.99  # quantile of the log's own speeds that a reset exceeds by far
 _FEWEST = 50  # steps from which speeds are known
 _RESET = 5.0, 10.0  # m, and times its own speed, that no robot goes from one pose to the next
 
@@ -18,8 +18,8 @@ _RESET = 5.0, 10.0  # m, and times its own speed, that no robot goes from one po
 def without_stalls(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
     """The motion with its stalls interpolated, and how many there were.
 
-    A stall repeats a pose to the last bit; the step after it is faster than the robot ever is. At
-    its usual speed the robot needed so long for it: so much of the stall is interpolated.
+    A stall repeats a pose to the last bit; the step after it is faster than the robot usually is.
+    At its usual speed it needed so long for it: so much of the stall is interpolated.
     """
     if len(motion) < _FEWEST or not motion.is_sorted:
         return motion, 0
@@ -32,24 +32,21 @@ def without_stalls(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
     usual = ~stands & ~np.concatenate([[True], stands[:-1]]) & (seconds > 0.0)
     if np.count_nonzero(usual) < _FEWEST:
         return motion, 0
-    fastest, median = np.quantile(speeds[:, usual], [_FASTEST, 0.5], axis=1)
-    jumps = np.flatnonzero(
-        ~stands[1:] & stands[:-1] & (speeds[:, 1:] > fastest[:, None]).any(axis=0)
-    ) + 1  # fmt: skip
-    interpolated = np.zeros(len(poses), np.bool_)
+    ends = np.flatnonzero(~stands[1:] & stands[:-1]) + 1
+    median = np.maximum(np.median(speeds[:, usual], axis=1), 1e-9)
+    needed = np.minimum((moved[:, ends].T / median).max(axis=1), seconds.sum())
+    since = stamps[ends + 1] - (1e9 * needed).astype(np.int64)
+    last_still = np.searchsorted(stamps, since, "right") - 1
     begins = np.maximum.accumulate(np.where(stands, 0, np.arange(1, len(stands) + 1)))
-    for jump in jumps.tolist():
-        needed = int(1e9 * (moved[:, jump] / np.maximum(median, 1e-9)).max())
-        begin = max(
-            int(begins[jump - 1]),
-            int(np.searchsorted(stamps, stamps[jump + 1] - needed, "right")) - 1,
-        )
-        inside = slice(begin + 1, jump + 1)
+    begins = np.maximum(begins[ends - 1], last_still)
+    interpolated, is_stall = np.zeros(len(poses), np.bool_), begins < ends
+    for begin, end in zip(begins[is_stall].tolist(), ends[is_stall].tolist(), strict=True):
+        inside = slice(begin + 1, end + 1)
         interpolated[inside] = True
-        span = max(int(stamps[jump + 1] - stamps[begin]), 1)
+        span = max(int(stamps[end + 1] - stamps[begin]), 1)
         share = (stamps[inside] - stamps[begin]) / span
-        poses[inside] = interpolate(poses[begin], poses[jump + 1], share)
-    return motion.with_poses(poses, interpolated), len(jumps)
+        poses[inside] = interpolate(poses[begin], poses[end + 1], share)
+    return motion.with_poses(poses, interpolated), int(np.count_nonzero(is_stall))
 
 
 def without_resets(motion: RecordedMotion) -> tuple[RecordedMotion, int]:

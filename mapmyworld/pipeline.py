@@ -76,6 +76,7 @@ def build_map(
         from mapmyworld.stages.track_particles import finish_particles, track_particles
 
         run("track", lambda: track_particles(log, deskewed_plan(), *given), method)
+        log.let_go()
         run("fastslam", lambda: finish_particles(store, config))
     else:
         scans = scan_loader(store, config)
@@ -84,6 +85,7 @@ def build_map(
             log, plan, store, config
         ):  # reported by tracking: it is done once more
             record.again("track", lambda: track(log, plan(), *given, lag_s=lag))
+        log.let_go()
         run("recognise", lambda: recognise(*given, scans, words), _digest(words))
         run("optimise", lambda: _solve(*given, scans), store.get("edits") or None)
     run("map", lambda: draw_maps(*given))

@@ -25,6 +25,9 @@ def check_laws(path: Path, scratch: Path) -> None:
     _reported_beforehand(log, messages)
     assert log.content_hash() == open_log([path]).content_hash()
     assert log.losses() == ()
+    log.let_go()
+    assert [identity(message) for message in log.messages()] == [identity(m) for m in messages]
+    assert log.info() == open_log([path]).info()
     converted = scratch / "converted.mcap"
     convert_log(log, converted, Selection(), overwrite=True)
     for ours, theirs in zip(messages, open_log([converted]).messages(), strict=True):

@@ -37,6 +37,9 @@ class Beginning:
     def losses(self) -> tuple[str, ...]:
         return self._log.losses()
 
+    def let_go(self) -> None:
+        self._log.let_go()
+
 
 def settings_read(log: LogSource, config: Config, method: str = "graph") -> dict[str, set[str]]:
     """Stage -> names of the settings that it read while the map of a log was built in memory."""

@@ -64,6 +64,9 @@ class DatabaseLog:
     def losses(self) -> tuple[str, ...]:
         return tuple(self._losses)
 
+    def let_go(self) -> None:
+        """Nothing: what was sensed stays in the database."""
+
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         self._losses = list(self._store.problems)
         mounts: dict[str, NDArray[np.float64]] = {}

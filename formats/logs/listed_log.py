@@ -20,11 +20,14 @@ class ListedLog:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._list()
+
+    def _list(self) -> None:
         self.problems: list[str] = []
         self.details: list[tuple[str, str]] = []
         self.doubts: dict[str, str] = {}
         """Topic -> what is doubtful of it, though every line is sound."""
-        self._listed = self._read()
+        self._listed: Callable[[], Iterator[RawMessage]] | None = self._read()
 
     def _read(self) -> Callable[[], Iterator[RawMessage]]:
         """What gives all messages by log time, each time it is called."""
@@ -38,7 +41,7 @@ class ListedLog:
             (str(self.path),),
             self.container,
             sum(path.stat().st_size for path in self._files() if path.is_file()),
-            topics_of(self._listed(), lambda raw: self.type_names[raw.topic], self.encoding),
+            topics_of(self.messages(), lambda raw: self.type_names[raw.topic], self.encoding),
             tuple(self.details),
             tuple(self.problems),
             tuple(sorted(self.doubts.items())),
@@ -51,4 +54,10 @@ class ListedLog:
         return tuple(self.problems)
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
+        if self._listed is None:
+            self._list()
+        assert self._listed is not None
         return (raw for raw in self._listed() if topics is None or raw.topic in topics)
+
+    def let_go(self) -> None:
+        self._listed = None

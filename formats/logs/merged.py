@@ -50,5 +50,9 @@ class MergedLog:
         streams = [s.mended_records(topics) for s in self.sources if isinstance(s, RecordedLog)]
         return heapq.merge(*streams, key=lambda pair: pair[0][0])
 
+    def let_go(self) -> None:
+        for source in self.sources:
+            source.let_go()
+
     def losses(self) -> tuple[str, ...]:
         return (*self.problems, *(loss for source in self.sources for loss in source.losses()))

@@ -101,6 +101,9 @@ class RecordedLog:
     def losses(self) -> tuple[str, ...]:
         return tuple(self.index().problems)
 
+    def let_go(self) -> None:
+        """Nothing: the index is small, and messages stay in the file."""
+
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         for record, mended in self.mended_records(topics):
             yield _message(record) if mended is None else mended

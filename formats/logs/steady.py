@@ -31,6 +31,9 @@ class SteadyLog:
     def losses(self) -> tuple[str, ...]:
         return self._log.losses()
 
+    def let_go(self) -> None:
+        self._log.let_go()
+
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """Those of the log; raises `LogError` where one of its files was changed meanwhile."""
         yield from self._log.messages(topics)

@@ -45,6 +45,9 @@ class LogSource(Protocol):
     def losses(self) -> tuple[str, ...]:
         """What the last complete iteration could not read, one line each."""
 
+    def let_go(self) -> None:
+        """Gives back the memory of what would have to be read again."""
+
 
 class Progress(Protocol):
     """Reported what is going on; draws nothing itself unless it is the command line's."""

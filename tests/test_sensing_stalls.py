@@ -34,6 +34,20 @@ def test_a_stall_that_catches_up_is_interpolated() -> None:
     assert not motion.is_interpolated(int(stamps[85]) - 10_000_000_000)
 
 
+def test_a_short_stall_is_found_though_the_robot_is_at_times_as_fast() -> None:
+    """It ends in a step of twice the usual length; one in twenty of all others is as long."""
+    steps = np.where(np.arange(199) % 20 == 10, 0.2, 0.1)
+    x = np.concatenate([[0.0], np.cumsum(steps)])
+    poses = planar_to_matrix(np.stack([x, *np.zeros((2, 200))], axis=1))
+    shown = poses.copy()
+    shown[85] = shown[84]
+    stamps = 100_000_000 * np.arange(200, dtype=np.int64)
+    found, count = without_stalls(RecordedMotion(stamps, shown[:, :3]))
+    assert count == 1
+    assert np.allclose(found.poses_at(slice(None)), poses, atol=1e-9)
+    assert found.is_interpolated(int(stamps[85]))
+
+
 def test_a_robot_that_stands_and_goes_on_is_left_alone() -> None:
     motion, poses = drive(slice(80, 81))
     values = np.concatenate([poses[:80], np.repeat(poses[80:81], 40, 0), poses[80:]])

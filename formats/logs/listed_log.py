@@ -22,12 +22,14 @@ class ListedLog:
         self.path = path
         self._list()
 
-    def _list(self) -> None:
+    def _list(self) -> Callable[[], Iterator[RawMessage]]:
         self.problems: list[str] = []
         self.details: list[tuple[str, str]] = []
         self.doubts: dict[str, str] = {}
         """Topic -> what is doubtful of it, though every line is sound."""
-        self._listed: Callable[[], Iterator[RawMessage]] | None = self._read()
+        listed = self._read()
+        self._listed: Callable[[], Iterator[RawMessage]] | None = listed
+        return listed
 
     def _read(self) -> Callable[[], Iterator[RawMessage]]:
         """What gives all messages by log time, each time it is called."""
@@ -54,10 +56,8 @@ class ListedLog:
         return tuple(self.problems)
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        if self._listed is None:
-            self._list()
-        assert self._listed is not None
-        return (raw for raw in self._listed() if topics is None or raw.topic in topics)
+        listed = self._listed or self._list()
+        return (raw for raw in listed() if topics is None or raw.topic in topics)
 
     def let_go(self) -> None:
         self._listed = None

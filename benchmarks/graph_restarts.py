@@ -15,6 +15,5 @@ def random_starts(problem: Problem, count: int, seed: int = 0) -> Iterator[np.nd
     rng, system = np.random.default_rng(seed), problem.system
     for _ in range(count):
         lot = rng.permutation(len(system.tails)) * len(problem.guess)
-        ends = len(problem.guess), system.tails, system.heads, system.measured
-        tree = spanning_tree(system.planar, *ends, lot)
+        tree = spanning_tree(system, len(problem.guess), lot)
         yield along_tree(system.planar, problem.guess, tree.parents, tree.motions)

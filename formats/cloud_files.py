@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -111,17 +110,6 @@ def _read_pcd(path: Path) -> NDArray[np.void]:
         raise MapError(f"{path}: a damaged PCD file ({error})") from None
 
 
-@dataclass(frozen=True, slots=True)
-class _PlyHead:
-    """What a PLY file says that it holds."""
-
-    text_format: bool
-    vertex_count: int
-    vertex_type: np.dtype[np.void]
-    start: int
-    """Byte at which the vertices begin."""
-
-
 def _ply_header(vertices: NDArray[np.void], faces: int = 0) -> bytes:
     """The header of binary vertices (N,), a record array, and of so many faces."""
     lines = ["ply", "format binary_little_endian 1.0", "comment mapmyworld, metres, map frame"]
@@ -136,54 +124,51 @@ def _ply_header(vertices: NDArray[np.void], faces: int = 0) -> bytes:
 def _read_ply(path: Path) -> NDArray[np.void]:
     """The vertices (N,), as a record array with the file's own property names."""
     data = read_whole(path)
-    head = _parse_header(data, path)
+    is_text, count, kind, start = _parse_header(data, path)
     try:
-        if head.text_format:
-            lines = data[head.start :].decode("ascii", "replace").splitlines()
-            rows = [tuple(map(float, line.split())) for line in lines[: head.vertex_count]]
-            if len(rows) < head.vertex_count:
+        if is_text:
+            lines = data[start:].decode("ascii", "replace").splitlines()
+            rows = [tuple(map(float, line.split())) for line in lines[:count]]
+            if len(rows) < count:
                 raise ValueError("too few lines")
-            table = np.array(rows, [(n, "<f8") for n in head.vertex_type.names or ()])
+            table = np.array(rows, [(n, "<f8") for n in kind.names or ()])
             with np.errstate(invalid="raise", over="raise"):
-                return table.astype(head.vertex_type)
-        return np.frombuffer(data, head.vertex_type, head.vertex_count, head.start)
+                return table.astype(kind)
+        return np.frombuffer(data, kind, count, start)
     except FloatingPointError:
         raise MapError(f"{path}: holds a number that its type cannot hold") from None
     except (ValueError, OverflowError):
-        raise MapError(f"{path}: ends before its {head.vertex_count} vertices") from None
+        raise MapError(f"{path}: ends before its {count} vertices") from None
 
 
-def _parse_header(data: bytes, path: Path) -> _PlyHead:
-    """The header of a file whose first element is the vertices; MapError for any other."""
+def _parse_header(data: bytes, path: Path) -> tuple[bool, int, np.dtype[np.void], int]:
+    """Whether the file is text, how many vertices it has, of what type, and where they begin.
+
+    MapError where they are not its first element.
+    """
     end = data.find(b"end_header", 0, _MAX_HEADER)
     if not data.startswith(b"ply") or end < 0:
         raise MapError(f"{path}: not a PLY file")
     start = data.index(b"\n", end) + 1 if b"\n" in data[end : end + 14] else len(data)
-    lines = [line.split() for line in data[:end].decode("ascii", "replace").splitlines()]
-    try:
-        return _parse_lines([words for words in lines if words], start)
-    except (KeyError, IndexError, ValueError) as error:
-        raise MapError(f"{path}: a PLY header that cannot be read ({error})") from None
-
-
-def _parse_lines(lines: list[list[str]], start: int) -> _PlyHead:
     fields: dict[str, list[tuple[str, str]]] = {}
     counts: dict[str, int] = {}
     element, kind = "", ""
-    for words in lines:
-        if words[0] == "format":
-            kind = words[1]
-        elif words[0] == "element":
-            element = words[1]
-            counts[element], fields[element] = int(words[2]), []
-        elif words[0] == "property" and words[1] != "list":
-            fields[element].append((words[2], _TYPES[words[1]]))
-    if kind not in ("ascii", "binary_little_endian"):
-        raise ValueError(f"format {kind!r}")
-    if next(iter(counts), "") != "vertex" or min(counts.values()) < 0:
-        raise ValueError("the first element is not the vertices, or one has fewer than none")
-    dtype = np.dtype(fields["vertex"])
-    return _PlyHead(kind == "ascii", counts["vertex"], dtype, start)
+    try:
+        for words in map(str.split, data[:end].decode("ascii", "replace").splitlines()):
+            if words[:1] == ["format"]:
+                kind = words[1]
+            elif words[:1] == ["element"]:
+                element = words[1]
+                counts[element], fields[element] = int(words[2]), []
+            elif words[:1] == ["property"] and words[1] != "list":
+                fields[element].append((words[2], _TYPES[words[1]]))
+        if kind not in ("ascii", "binary_little_endian"):
+            raise ValueError(f"format {kind!r}")
+        if next(iter(counts), "") != "vertex" or min(counts.values()) < 0:
+            raise ValueError("the first element is not the vertices, or one has fewer than none")
+        return kind == "ascii", counts["vertex"], np.dtype(fields["vertex"]), start
+    except (KeyError, IndexError, ValueError) as error:
+        raise MapError(f"{path}: a PLY header that cannot be read ({error})") from None
 
 
 _FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])

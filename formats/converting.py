@@ -13,7 +13,7 @@ from formats.logs.decoding import decoder_for
 from formats.logs.merged import MergedLog
 from formats.logs.recorded_log import RecordedLog
 from formats.recording_files import LogWriter
-from formats.transcoding import Transcoder, transcoder_for
+from formats.transcoding import writing_into
 from mapmyworld.errors import LogError
 from mapmyworld.types import LogSource, MessageKind, RawMessage
 from mapmyworld.types.seams import Progress
@@ -95,7 +95,7 @@ class Copier:
 
     def __init__(self, writer: LogWriter) -> None:
         self.writer = writer
-        self._transcoders: dict[Channel, Transcoder | None] = {}
+        self._writing: dict[Channel, Callable[[int, bytes], None]] = {}
         self._lost = Counter[str]()
 
     def writes(
@@ -119,14 +119,11 @@ class Copier:
         )
 
     def _copy(self, channel: Channel, data: bytes, log_time_ns: int) -> None:
-        if channel not in self._transcoders:
-            self._transcoders[channel] = transcoder_for(channel, self.writer.sink)
-        transcoder = self._transcoders[channel]
+        if channel not in self._writing:
+            taken = writing_into(self.writer.sink, channel)
+            self._writing[channel] = taken or partial(self._decoded, channel)
         try:
-            if transcoder is not None:
-                self.writer.sink.write(transcoder.handle, log_time_ns, transcoder.convert(data))
-            else:
-                self._decoded(channel, log_time_ns, data)
+            self._writing[channel](log_time_ns, data)
         except LogError as error:
             self._lost[str(error)] += 1
 

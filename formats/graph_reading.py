@@ -92,15 +92,6 @@ def graph_from_text(text: str) -> GraphFile:
         raise MapError("both planar (SE2) and spatial (SE3) poses: split the file in two")
     if not planar and not spatial:
         raise MapError("no poses and no edges of a known kind: is this a g2o or TORO file?")
-    return _graph_of(planar, tables, others, problems)
-
-
-def _graph_of(
-    planar: bool,
-    tables: dict[str, Table],
-    others: dict[str, list[tuple[int, str]]],
-    problems: list[str],
-) -> GraphFile:
     fixed = _fixed(others.pop("FIX", []), problems)
     for tag, lines in sorted(others.items()):
         where = listed([line for line, _ in lines])

@@ -23,6 +23,7 @@ from mapmyworld.types import (
     ImuMessage,
     LaserScanMessage,
     Message,
+    MessageKind,
     OdometryMessage,
     PointCloudMessage,
     PoseMessage,
@@ -43,7 +44,8 @@ def ros_message(message: Message | RosFields, store: Typestore) -> tuple[str, An
     name, build = _BUILDERS[type(message)]
     if isinstance(message, ImageMessage) and message.encoded is not None:
         name, build = "sensor_msgs/msg/CompressedImage", _compressed
-    return name, _made(store, name, build(message))
+    about = header(message.stamp_ns, getattr(message, "frame_id", ""))  # types without one lack it
+    return name, _made(store, name, {"header": about, **build(message)})
 
 
 def _made(store: Typestore, type_name: str, given: Fields) -> Any:
@@ -106,7 +108,6 @@ def _laser_scan(m: LaserScanMessage) -> Fields:
     numbers = {name: getattr(m, name) for name in SCAN_NUMBERS}
     return {
         **numbers,
-        "header": header(m.stamp_ns, m.frame_id),
         "angle_max": m.angle_min + m.angle_increment * max(len(m.ranges) - 1, 0),
         "ranges": m.ranges,
         "intensities": m.intensities,
@@ -116,7 +117,6 @@ def _laser_scan(m: LaserScanMessage) -> Fields:
 def _odometry(m: OdometryMessage) -> Fields:
     twist = {"linear": vector(m.twist[:3]), "angular": vector(m.twist[3:])}
     return {
-        "header": header(m.stamp_ns, m.frame_id),
         "child_frame_id": m.child_frame_id,
         "pose": {"pose": pose_of(m.pose), "covariance": m.pose_covariance},
         "twist": {"twist": twist, "covariance": m.twist_covariance},
@@ -128,7 +128,6 @@ def _imu(m: ImuMessage) -> Fields:
     values = m.orientation.tolist() if m.orientation is not None else [0.0, 0.0, 0.0, 1.0]
     # sensor_msgs/Imu: a first covariance of -1 is "no orientation estimate".
     return {
-        "header": header(m.stamp_ns, m.frame_id),
         "orientation": dict(zip("xyzw", values, strict=True)),
         "orientation_covariance": None if known else [-1.0, *8 * [0.0]],
         "angular_velocity": vector(m.angular_velocity),
@@ -147,14 +146,12 @@ def _transforms(m: TransformsMessage) -> Fields:
 
 
 def _pose(m: PoseMessage) -> Fields:
-    pose = {"pose": pose_of(m.pose), "covariance": m.covariance}
-    return {"header": header(m.stamp_ns, m.frame_id), "pose": pose}
+    return {"pose": {"pose": pose_of(m.pose), "covariance": m.covariance}}
 
 
 def _gps(m: GpsMessage) -> Fields:
     """Without a fix the status is -1; the covariance is that of the error, in all directions."""
     return {
-        "header": header(m.stamp_ns, m.frame_id),
         "status": {"status": -1 if math.isnan(m.latitude) else 0},
         "latitude": m.latitude,
         "longitude": m.longitude,
@@ -170,7 +167,6 @@ def _text(m: TextMessage) -> Fields:
 
 def _camera_info(m: CameraInfoMessage) -> Fields:
     return {
-        "header": header(m.stamp_ns, m.frame_id),
         "height": m.height,
         "width": m.width,
         "distortion_model": m.distortion_model,
@@ -192,7 +188,6 @@ def _image(m: ImageMessage) -> Fields:
     height, width = pixels.shape[:2]
     data = np.ascontiguousarray(pixels).view(np.uint8).reshape(-1)
     return {
-        "header": header(m.stamp_ns, m.frame_id),
         "height": height,
         "width": width,
         "encoding": encoding,
@@ -207,8 +202,7 @@ def _compressed(m: ImageMessage) -> Fields:
     described = "png" if data.startswith(b"\x89PNG") else "jpeg"
     if m.is_depth:
         data, described = bytes(12) + data, "16UC1; compressedDepth png"
-    about = header(m.stamp_ns, m.frame_id)
-    return {"header": about, "format": described, "data": np.frombuffer(data, np.uint8)}
+    return {"format": described, "data": np.frombuffer(data, np.uint8)}
 
 
 def _point_cloud(m: PointCloudMessage) -> Fields:
@@ -219,7 +213,6 @@ def _point_cloud(m: PointCloudMessage) -> Fields:
         red, green, blue = m.colours.astype(np.uint32).T
         cells[:, 3] = ((red << 16) | (green << 8) | blue).astype(np.uint32).view(np.float32)
     return {
-        "header": header(m.stamp_ns, m.frame_id),
         "height": 1,
         "width": len(cells),
         "fields": [
@@ -245,6 +238,7 @@ _BUILDERS: dict[type, tuple[str, Callable[[Any], Fields]]] = {
     ImageMessage: ("sensor_msgs/msg/Image", _image),
     PointCloudMessage: ("sensor_msgs/msg/PointCloud2", _point_cloud),
 }
+TYPES: dict[MessageKind, str] = {made.kind: name for made, (name, _) in _BUILDERS.items()}  # type: ignore
 
 
 _STEPS = np.arange(-4, 5)  # units in the last place around the first guess

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
@@ -15,32 +16,25 @@ from formats.logs.definitions import (
     recorded_store,
     standard_store,
 )
-from formats.recording_sinks import Handle, McapSink, Sink
+from formats.recording_sinks import McapSink, Sink
 from mapmyworld.errors import LogError
 
 # ROS 1's tf type, which ROS 2 knows under its newer name.
 _RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 
 
-@dataclass(frozen=True, slots=True)
-class Transcoder:
-    """Where a channel's messages go and what becomes of their bytes."""
+def writing_into(sink: Sink, channel: Channel) -> Callable[[int, bytes], None] | None:
+    """What writes the channel's messages, given a log time and their bytes as recorded.
 
-    handle: Handle
-    convert: Callable[[bytes], bytes]
-
-
-def transcoder_for(channel: Channel, sink: Sink) -> Transcoder | None:
-    """None where the sink cannot take the channel's encoding and must be given typed messages.
-
-    The transcoder raises `LogError` for a damaged message.
+    It raises `LogError` for a damaged message. None where the sink cannot take the channel's
+    encoding and must be given typed messages.
     """
     if isinstance(sink, McapSink):
-        return Transcoder(sink.add(_with_definition(channel)), bytes)
+        return partial(sink.write, sink.add(_with_definition(channel)))
     if channel.encoding not in {"ros1", "cdr"}:
         return None
     if channel.encoding == sink.encoding:
-        return Transcoder(sink.add(_complete(channel)), bytes)
+        return partial(sink.write, sink.add(_complete(channel)))
     try:
         store = recorded_store(channel) if channel.schema else standard_store(channel.encoding)
         store = _with_header(store, "cdr")  # ROS 2's, which both directions start from
@@ -48,14 +42,16 @@ def transcoder_for(channel: Channel, sink: Sink) -> Transcoder | None:
     except Exception:  # rosbags promises no family of errors for definitions it cannot take
         return None
     change = store.cdr_to_ros1 if sink.encoding == "ros1" else store.ros1_to_cdr
+    handle = sink.add(target)
 
-    def convert(data: bytes) -> bytes:
+    def write(log_time_ns: int, data: bytes) -> None:
         try:
-            return bytes(change(data, channel.type_name))
+            changed = bytes(change(data, channel.type_name))
         except Exception as error:
             raise LogError(f"{channel.topic}: a damaged {channel.type_name}") from error
+        sink.write(handle, log_time_ns, changed)
 
-    return Transcoder(sink.add(target), convert)
+    return write
 
 
 def _with_definition(channel: Channel) -> Channel:

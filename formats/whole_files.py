@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
 
 from mapmyworld.errors import MapError
 
@@ -16,8 +15,15 @@ def write_whole(path: Path, data: bytes | str) -> None:
 
     Killed at any moment, or with the disk full, it leaves what was there before. Raises MapError.
     """
-    with whole_file(path) as stream:
-        stream.write(utf8_of(data) if isinstance(data, str) else data)
+    if not path.parent.is_dir():
+        raise MapError(f"{path}: cannot be written: its folder does not exist")
+    if path.is_dir():
+        raise MapError(f"{path}: cannot be written: it is a folder")
+    try:
+        with whole_path(path) as part:
+            part.write_bytes(utf8_of(data) if isinstance(data, str) else data)
+    except OSError as error:
+        raise MapError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def read_whole(path: Path) -> bytes:
@@ -35,23 +41,6 @@ def utf8_of(text: str) -> bytes:
     except UnicodeEncodeError:  # half a character, as JSON can hold it
         given = text.encode("utf-8", "replace")
     return given.decode("utf-8", "replace").encode()
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """A stream whose bytes take the file's place once all are written, and not before.
-
-    Raises `MapError` where it cannot be written.
-    """
-    if not path.parent.is_dir():
-        raise MapError(f"{path}: cannot be written: its folder does not exist")
-    if path.is_dir():
-        raise MapError(f"{path}: cannot be written: it is a folder")
-    try:
-        with whole_path(path) as part, part.open("wb") as stream:
-            yield stream
-    except OSError as error:
-        raise MapError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 @contextmanager

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.connected_components import components, positions
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import covariance_from_planar
-from mapmyworld.graph.audit import connected_components_of, counts_of
+from mapmyworld.graph.audit import counts_of
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, Poses, TrackedFrames
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
@@ -97,10 +98,16 @@ def components_of(
 
     `divides`: nodes whose constraint to the node before ties nothing.
     """
-    ties = [c for c in constraints if not (c.is_tracking_loss and c.to_id in divides)]
-    return tuple(
-        part for part in connected_components_of(ties, poses) if part[1] > 0
-    )  # landmarks are no nodes
+    ties = [
+        c for c in constraints if c.accepted and not (c.is_tracking_loss and c.to_id in divides)
+    ]
+    known = np.sort(poses.ids)
+    ends = np.array([(c.from_id, c.to_id) for c in ties], np.int64)
+    places = positions(known, ends.ravel()).reshape(-1, 2)
+    places = places[(places >= 0).all(axis=1)]
+    part = components(len(known), places[:, 0], places[:, 1])
+    members = [known[part == k] for k in range(int(part.max(initial=-1)) + 1)]
+    return tuple((int(m[0]), int(m[-1]), len(m)) for m in members if m[-1] > 0)  # no landmarks
 
 
 def tracked_poses(nodes: Sequence[Node]) -> Poses:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from formats.database import open_store
 from formats.database.blobs import blob_to_matrix, blob_to_pose
-from formats.database.calibration import blob_to_cameras
+from formats.database.calibration import blob_to_eyes
 from formats.database.image_blobs import decode_depth, decode_picture
 from formats.database.scan_blobs import blob_to_scan, columns_to_observation, scan_to_blob
 from mapmyworld.errors import MapError
@@ -126,7 +126,7 @@ def test_images_that_lie(data: bytes) -> None:
 )
 def test_calibrations_that_lie(blob: bytes) -> None:
     with pytest.raises(MapError) as caught:
-        blob_to_cameras(blob, "node 3's calibration")
+        blob_to_eyes(blob, "node 3's calibration")
     assert "\n" not in str(caught.value)
 
 
@@ -167,7 +167,7 @@ def test_no_bytes_at_all_bring_a_decoder_down(data: bytes) -> None:
     decoders = (
         lambda: blob_to_matrix(data, "x"),
         lambda: blob_to_pose(data, "x"),
-        lambda: blob_to_cameras(data, "x"),
+        lambda: blob_to_eyes(data, "x"),
         lambda: decode_picture(data, "x"),
         lambda: decode_depth(b"DEPTHRVL" + data, "x"),
         lambda: blob_to_scan(data, "x"),

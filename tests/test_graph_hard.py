@@ -97,8 +97,7 @@ def other_starts(problem: Problem, truth: Array) -> Iterator[Array]:
     system, rng = problem.system, np.random.default_rng(0)
     for _ in range(3):
         lot = rng.permutation(len(system.tails)) * 1000
-        ends = len(problem.guess), system.tails, system.heads, system.measured
-        tree = spanning_tree(planar, *ends, lot)
+        tree = spanning_tree(system, len(problem.guess), lot)
         yield along_tree(planar, problem.guess, tree.parents, tree.motions)
 
 

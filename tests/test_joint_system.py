@@ -9,8 +9,9 @@ import pytest
 from laser_rooms import WALLS, cast
 from sample_verdicts import REJECTED
 
-from mapmyworld.alignment.joint_alignment import align_jointly, counted_once, pair_edges
+from mapmyworld.alignment.joint_alignment import align_in_rounds, counted_once, pair_edges
 from mapmyworld.alignment.joint_system import Statements, joint_system, node_motions
+from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
 from mapmyworld.kernels.laser_motion import FAINT
@@ -94,7 +95,8 @@ def test_landmarks_move_with_what_sees_them_and_priors_move_the_map() -> None:
     motions = node_motions(vague, CHOSEN, GIVEN[2:3])
     system, every = joint_system(vague, CHOSEN, GIVEN[2:3], motions, stated, AT, np.zeros(5, bool))
     none = np.zeros((0, 2), np.int64)
-    solved = align_jointly(scan_set([]), system, every, none, [0.1] * 8, Config().registration, 1)
+    rest = (lambda _: none), Config(threads=1), Silent(), np.full(8, 0.1)
+    solved = align_in_rounds(scan_set([]), system, every, *rest)
     prior, seen = solved.poses[1], between_planar(solved.poses[2], solved.poses[4])
     np.testing.assert_allclose(prior, [1.0, 0.0, 0.0], atol=1e-5)
     np.testing.assert_allclose(seen, [1.0, 0.0, 0.0], atol=1e-5)

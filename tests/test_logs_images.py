@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -12,13 +13,22 @@ from hypothesis import strategies as st
 from log_builders import allowed, changes, damaged
 from numpy.typing import NDArray
 
-from formats.logs.image_pixels import compressed_image, decode_rvl, raw_image
+from formats.logs.image_pixels import compressed_image, decode_rvl
+from formats.logs.ros_decoders import image
 from formats.picture_files import picture_size
 from mapmyworld.errors import LogError
+from mapmyworld.types import ImageMessage
 
 RGB = np.random.default_rng(1).integers(0, 256, (6, 8, 3), np.uint8)
 GREY = RGB[..., 0].copy()
 DEPTH_MM = np.array([[0, 500, 1234], [65535, 1, 2000]], np.uint16)
+
+
+def raw_image(
+    encoding: str, width: int, height: int, step: int, data: bytes, big_endian: bool = False
+) -> ImageMessage:
+    size = {"width": width, "height": height, "step": step}
+    return image(SimpleNamespace(encoding=encoding, **size, data=data, is_bigendian=big_endian))
 
 
 def decode(
@@ -31,7 +41,7 @@ def decode(
     rows = np.ascontiguousarray(cells).view(np.uint8).reshape(height, -1)
     data = np.hstack([rows, np.full((height, pad), 7, np.uint8)]).tobytes()
     step = rows.shape[1] + pad
-    message = raw_image(5, "c", encoding, width, height, step, data, big_endian)
+    message = raw_image(encoding, width, height, step, data, big_endian)
     assert (message.width, message.height, message.encoding) == (width, height, encoding)
     return message.pixels()
 
@@ -107,11 +117,11 @@ def test_yuv_of_grey(encoding: str, luma: int) -> None:
 
 def test_unknown_encodings_and_short_data_are_refused_when_asked_for() -> None:
     for message, says in (
-        (raw_image(0, "c", "holo3", 2, 2, 2, bytes(4)), "holo3"),
-        (raw_image(0, "c", "rgb8", 2, 2, 6, bytes(11)), "does not fit"),
-        (raw_image(0, "c", "rgb8", 2, 2, 5, bytes(12)), "does not fit"),
-        (raw_image(0, "c", "mono8", 1 << 31, 1 << 31, 1 << 31, bytes(4)), "does not fit"),
-        (raw_image(0, "c", "mono8", 0, 0, 0, b""), "does not fit"),
+        (raw_image("holo3", 2, 2, 2, bytes(4)), "holo3"),
+        (raw_image("rgb8", 2, 2, 6, bytes(11)), "does not fit"),
+        (raw_image("rgb8", 2, 2, 5, bytes(12)), "does not fit"),
+        (raw_image("mono8", 1 << 31, 1 << 31, 1 << 31, bytes(4)), "does not fit"),
+        (raw_image("mono8", 0, 0, 0, b""), "does not fit"),
     ):
         with pytest.raises(LogError, match=says):
             message.pixels()

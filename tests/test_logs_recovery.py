@@ -327,7 +327,6 @@ def test_rows_longer_than_a_page_are_salvaged_whole(tmp_path: Path) -> None:
     path.write_bytes(data[: data.find(rows[6][2][90_000:90_100])])
     cut = salvage(path)
     assert [time for time, *_ in cut.messages] == [t for _, t, d in rows if len(d) != 123_456]
-    assert cut.lost == 1
 
 
 def test_a_message_shorter_than_its_head_costs_no_other(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from mapmyworld.particles.kernels.likelihood import log_likelihood
 from mapmyworld.particles.kernels.surface_tiles import Beams
 from mapmyworld.particles.motions import Motion, motions_between
 from mapmyworld.particles.proposal import Proposal, improved_proposal
-from mapmyworld.particles.smoothing import Moves, smooth_path
+from mapmyworld.particles.smoothing import smooth_path
 from mapmyworld.particles.tiles import TileMaps
 from mapmyworld.sensing import make_plan, read_frames, survey_log
 from mapmyworld.types import Frame, OccupancyGrid, Scan, Trajectory
@@ -375,8 +375,7 @@ def test_smoothing_closes_a_loop_that_no_particle_closed(
     covariances = np.tile(np.diag([0.02, 0.02, max(yaw, 0.01)]) ** 2, (len(motions), 1, 1))
     scans = [cast(walls, pose) for pose in truth]
     stamps = np.arange(len(truth)) * 100_000_000
-    moves = Moves(motions, covariances)
-    smoothed = smooth_path(path, moves, stamps, scans, Config(), Silence())
+    smoothed = smooth_path(path, motions, covariances, stamps, scans, Config(), Silence())
     assert error(path, truth) > off
     assert error(smoothed, truth) < 0.02
 

@@ -12,7 +12,7 @@ from log_builders import Built, drive, write_mcap
 
 from formats.check_results import Verdict, junit_xml
 from formats.readable import one_line, readable
-from formats.report.page import Page, paragraph
+from formats.report.page import page_html, paragraph
 
 EVIL = "/s\x1b[31m\x1b]0;title\x07\x9b2J\u202egnp\r\n  ok  all is well\x00"
 
@@ -38,10 +38,7 @@ def test_no_name_of_a_log_reaches_the_terminal_raw(words: list[str], tmp_path: P
 
 
 def test_a_page_holds_no_control_characters() -> None:
-    page = Page(EVIL, EVIL)
-    page.section(EVIL, paragraph(EVIL))
-    page.data("topic", EVIL)
-    text = page.html()
+    text = page_html(EVIL, EVIL, [(EVIL, paragraph(EVIL))], {"topic": EVIL})
     assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202e]", text)
     assert text.count("\\u202egnp") >= 5  # title twice, heading twice, paragraph
 

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
-from mapmyworld.alignment.joint_alignment import align_jointly
+from mapmyworld.alignment.joint_alignment import align_in_rounds
+from mapmyworld.api import Silent
 from mapmyworld.backend.system import System
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
@@ -346,15 +347,16 @@ def test_joint_alignment_brings_scattered_scans_home(threads: int) -> None:
     start[0] = truth[0]
     pairs = np.array([(i, j) for i in range(12) for j in range(i + 1, 12)], np.int64)
     weak = steps_between(between_planar(start[:-1], start[1:]), np.eye(3))
-    max_distances = [0.4, 0.3, 0.2, 0.12, 0.12]
-    solved = align_jointly(scans, weak, start, pairs, max_distances, CONFIG, threads)
+    max_distances = np.array([0.4, 0.3, 0.2, 0.12, 0.12])
+    rest = (lambda _: pairs), Config(threads=threads), Silent(), max_distances
+    solved = align_in_rounds(scans, weak, start, *rest)
     error = compose_planar(invert_planar(truth), solved.poses)
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.005
     assert np.abs(error[:, 2]).max() < 0.002
     assert solved.moved[-1] < solved.moved[0] / 10
     held = np.arange(12) % 3 == 0
     placed = np.where(held[:, None], truth, start)
-    solved = align_jointly(scans, weak.held(held), placed, pairs, max_distances, CONFIG, threads)
+    solved = align_in_rounds(scans, weak.held(held), placed, *rest)
     np.testing.assert_array_equal(solved.poses[held, :2], truth[held, :2])
     error = compose_planar(invert_planar(truth), solved.poses)
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.005
@@ -375,7 +377,8 @@ def test_scans_of_a_short_sighted_laser_are_not_torn_apart(sight: float) -> None
     noisy = steps + random.normal(size=steps.shape) * 0.02
     motions = steps_between(noisy, np.diag([100.0, 100.0, 400.0]))
     scans = prepare_scans(near, CONFIG)
-    solved = align_jointly(scans, motions, start, pairs, [0.12] * 12, CONFIG, 1)
+    rest = (lambda _: pairs), Config(threads=1), Silent(), np.full(12, 0.12)
+    solved = align_in_rounds(scans, motions, start, *rest)
     assert solved.moved[-1] < solved.moved[0] / 10
     error = between_planar(truth, solved.poses)
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.3  # by odometry alone: 0.02 m a step

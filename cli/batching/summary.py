@@ -55,17 +55,16 @@ def _case(result: Result) -> Case:
 
 def as_html(results: Sequence[Result]) -> str:
     """One self-contained page."""
-    from formats.report.page import Page, table
+    from formats.report.page import page_html, table
 
     counts = _counts(results)
     reported = ", ".join(f"{count} {name}" for name, count in counts.items())
-    page = Page("mapmyworld batch", reported)
     rows = [
         (result.name, _verdict(result), _figures(result), "; ".join(_faults(result)))
         for result in results
     ]
-    page.section("Logs", table(["log", "verdict", "map", "what is wrong"], rows))
-    return page.html()
+    logs = table(["log", "verdict", "map", "what is wrong"], rows)
+    return page_html("mapmyworld batch", reported, [("Logs", logs)])
 
 
 FORMS = {

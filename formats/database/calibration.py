@@ -19,12 +19,8 @@ _FISHEYE_SLOTS = [0, 1, 4, 5]
 _LEAST_FOCAL = 0.1  # pixels
 
 
-def cameras_to_blob(cameras: tuple[CameraModel, ...]) -> bytes | None:
-    """The records of cameras whose images stand side by side; None for none."""
-    return b"".join(_camera_record(camera) for camera in cameras) or None
-
-
-def _camera_record(camera: CameraModel) -> bytes:
+def camera_record(camera: CameraModel) -> bytes:
+    """Of one of the cameras whose images stand side by side: a blob is their records in a row."""
     distortion = _stored_distortion(camera)
     projection = np.column_stack([camera.intrinsics, np.zeros(3)])
     sizes = (9, len(distortion), 9, 12, 12)
@@ -47,11 +43,6 @@ def _stored_distortion(camera: CameraModel) -> NDArray[np.float64]:
     stored = np.zeros(length)
     stored[: len(given)] = given[:length]
     return stored
-
-
-def blob_to_cameras(blob: bytes | None, what: str) -> tuple[CameraModel, ...]:
-    """The cameras of a blob, left to right; of a stereo pair, the left one."""
-    return tuple(camera for camera, _ in blob_to_eyes(blob, what))
 
 
 def blob_to_eyes(blob: bytes | None, what: str) -> tuple[tuple[CameraModel, float | None], ...]:

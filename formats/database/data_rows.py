@@ -8,7 +8,7 @@ import numpy as np
 
 from formats.database import feature_rows
 from formats.database.blobs import blob_to_matrix
-from formats.database.calibration import blob_to_eyes, cameras_to_blob
+from formats.database.calibration import blob_to_eyes, camera_record
 from formats.database.connection import Connection, Row
 from formats.database.node_rows import StorageOptions
 from formats.database.scan_blobs import cloud_to_columns, columns_to_observation, scan_to_columns
@@ -34,11 +34,11 @@ def data_row(node_id: int, data: NodeData, options: StorageOptions) -> Row | Non
     elif data.cloud is not None:
         scan = cloud_to_columns(data.cloud)
     if images:
-        from formats.database.image_columns import images_to_columns  # a codec takes 20 MB
+        from formats.database.image_columns import colour_blob, depth_blob  # a codec takes 20 MB
 
-        pictures = images_to_columns(images, options)
-    cameras = cameras_to_blob(tuple(image.camera for image in images))
-    return (node_id, *pictures, cameras, *scan)
+        pictures = colour_blob(images, options), depth_blob(images, options)
+    cameras = b"".join(camera_record(image.camera) for image in images)
+    return (node_id, *pictures, cameras or None, *scan)
 
 
 def node_data(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -102,13 +102,6 @@ def descriptor_from_blob(size: int | None, blob: bytes | None, what: str) -> NDA
         return np.frombuffer(blob, "<f4")
     held = "no" if blob is None else len(blob)
     raise MapError(f"{what}: a descriptor of {size} elements in {held} bytes")
-
-
-def word_rows(words: Mapping[int, NDArray[Any]]) -> Iterator[Row]:
-    """One row a word, ascending by id, of word id -> descriptor (D,)."""
-    for word_id in sorted(words):
-        descriptor = np.ascontiguousarray(words[word_id])
-        yield (word_id, descriptor.size, descriptor.tobytes())
 
 
 def read_words(db: Connection) -> dict[int, NDArray[Any]]:

@@ -86,7 +86,8 @@ class GraphTables(Transactions):
     def set_words(self, words: Mapping[int, NDArray[Any]]) -> None:
         self._begin()
         self._db.run("DELETE FROM Word")
-        self._db.run_many(feature_rows.INSERT_WORD, feature_rows.word_rows(words))
+        rows = ((k, words[k].size, words[k].tobytes()) for k in sorted(words))
+        self._db.run_many(feature_rows.INSERT_WORD, rows)
         self._db.run("UPDATE Info SET dictionary_size = ?", (len(words),))
         self._commit()
 

@@ -19,14 +19,7 @@ from mapmyworld.types import CameraModel, ImageMessage, RgbdImage
 _SIXTEEN_BITS = frozenset({"16UC1", "MONO16", "Z16"})
 
 
-def images_to_columns(
-    images: tuple[RgbdImage, ...], options: StorageOptions
-) -> tuple[bytes | None, bytes | None]:
-    """Colour and depth of all cameras, one file each; None where no camera has any."""
-    return _colour_blob(images, options), _depth_blob(images, options)
-
-
-def _colour_blob(images: tuple[RgbdImage, ...], options: StorageOptions) -> bytes | None:
+def colour_blob(images: tuple[RgbdImage, ...], options: StorageOptions) -> bytes | None:
     """One file for all cameras, side by side; a lone JPEG goes in as it was recorded."""
     colours = [image.colour for image in images]
     lone = colours[0].encoded if len(colours) == 1 and colours[0] is not None else None
@@ -38,7 +31,7 @@ def _colour_blob(images: tuple[RgbdImage, ...], options: StorageOptions) -> byte
     return image_blobs.encode_picture(joined, options.image_codec, options.image_quality)
 
 
-def _depth_blob(images: tuple[RgbdImage, ...], options: StorageOptions) -> bytes | None:
+def depth_blob(images: tuple[RgbdImage, ...], options: StorageOptions) -> bytes | None:
     """The same of depth; a lone PNG of 16 bits goes in, which is how RTAB-Map keeps it too."""
     depths = [image.depth for image in images]
     lone = depths[0] if len(depths) == 1 and options.depth_codec != "float" else None

@@ -28,16 +28,6 @@ from mapmyworld.types import (
 )
 
 _BASE, _ODOM, _LASER = "base_link", "odom", "laser"
-TYPES = {
-    MessageKind.TRANSFORMS: "tf2_msgs/msg/TFMessage",
-    MessageKind.ODOMETRY: "nav_msgs/msg/Odometry",
-    MessageKind.POSE: "geometry_msgs/msg/PoseWithCovarianceStamped",
-    MessageKind.CAMERA_INFO: "sensor_msgs/msg/CameraInfo",
-    MessageKind.IMAGE: "sensor_msgs/msg/Image",
-    MessageKind.GPS: "sensor_msgs/msg/NavSatFix",
-    MessageKind.LASER_SCAN: "sensor_msgs/msg/LaserScan",
-    MessageKind.POINT_CLOUD: "sensor_msgs/msg/PointCloud2",
-}
 # Bearings that stray further from the lattice of beams than this share of a step were moved by
 # motion correction: they get a lattice as many times finer, so as not to be moved back.
 _ON_LATTICE = 1e-3

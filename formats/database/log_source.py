@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from formats.database.foreign import RtabmapStore
-from formats.database.log_messages import TYPES, Moment, messages_at
+from formats.database.log_messages import Moment, messages_at
 from formats.database.opening_maps import open_store
 from formats.database.store import DatabaseStore
-from formats.logs.files import hash_files
+from formats.logs.listed_log import ListedLog
 from mapmyworld.errors import LogError, MapError
-from mapmyworld.types import LogInfo, NodeData, RawMessage, TopicInfo, topics_of
-
-_ENCODING = "rtabmap"
+from mapmyworld.types import NodeData, RawMessage
 
 
 def open_database_log(path: Path) -> DatabaseLog:
@@ -30,50 +29,31 @@ def open_database_log(path: Path) -> DatabaseLog:
         raise LogError(str(error)) from None
 
 
-class DatabaseLog:
+class DatabaseLog(ListedLog):
     """A LogSource over a database; images are decoded when a message is.
 
     Raises `LogError` where it holds no nodes.
     """
 
+    encoding = "rtabmap"
+
     def __init__(self, store: DatabaseStore | RtabmapStore) -> None:
         self._store = store
-        self._moments = _moments(store)
-        if not self._moments:
-            raise LogError(f"{store.path}: holds no nodes, so there is nothing to build from")
-        self._losses: list[str] = []
-        self._topics: tuple[TopicInfo, ...] | None = None
+        foreign = isinstance(store, RtabmapStore)
+        self.container = "RTAB-Map database" if foreign else "map of mapmyworld"
+        super().__init__(store.path)
 
-    def info(self) -> LogInfo:
-        if self._topics is None:
-            messages = self.messages()  # looked at once; none is decoded
-            self._topics = topics_of(messages, lambda raw: TYPES[raw.kind], _ENCODING)
-        path = self._store.path
-        foreign = isinstance(self._store, RtabmapStore)
-        return LogInfo(
-            paths=(str(path),),
-            container="RTAB-Map database" if foreign else "map of mapmyworld",
-            size_bytes=path.stat().st_size,
-            topics=self._topics,
-            problems=self._store.problems,
-        )
+    def _read(self) -> Callable[[], Iterator[RawMessage]]:
+        moments = _moments(self._store)
+        if not moments:
+            raise LogError(f"{self.path}: holds no nodes, so there is nothing to build from")
+        return partial(self._messages, moments)
 
-    def content_hash(self) -> str:
-        return hash_files([self._store.path])
-
-    def losses(self) -> tuple[str, ...]:
-        return tuple(self._losses)
-
-    def let_go(self) -> None:
-        """Nothing: what was sensed stays in the database."""
-
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        self._losses = list(self._store.problems)
+    def _messages(self, moments: Sequence[Moment]) -> Iterator[RawMessage]:
+        self.problems[:] = self._store.problems
         mounts: dict[str, NDArray[np.float64]] = {}
-        for moment in self._moments:
-            for raw in messages_at(moment, self._data(moment), mounts):
-                if topics is None or raw.topic in topics:
-                    yield raw
+        for moment in moments:
+            yield from messages_at(moment, self._data(moment), mounts)
 
     def _data(self, moment: Moment) -> NodeData:
         """What was sensed at a moment; a damaged part is a loss, not an end."""
@@ -85,7 +65,7 @@ class DatabaseLog:
             )
             kept = dict(self._store.scans([moment.index]))
         except MapError as error:
-            self._losses.append(f"{error}: left out")
+            self.problems.append(f"{error}: left out")
             return NodeData()
         return NodeData(kept.get(moment.index, data.scan), data.images, data.cloud)
 

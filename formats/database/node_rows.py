@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from formats.database.blobs import doubles, matrix_to_blob, pose_to_blob
 from formats.database.connection import Row
-from formats.database.scan_blobs import scan_without_points
+from formats.database.scan_blobs import scan_to_blob
 from formats.decimal_stamps import nanoseconds_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import between
@@ -64,7 +64,8 @@ def _velocity(node: Node, before: Node | None) -> bytes | None:
 def own_row(node: Node, data: NodeData) -> Row:
     """Our row: double precision, and what RTAB-Map's columns have no place for."""
     truth = None if node.ground_truth is None else _doubles(node.ground_truth)
-    rest = None if data.scan is None else scan_without_points(data.scan)
+    # RTAB-Map's columns do not hold the beams that came back with nothing.
+    rest = data.scan and scan_to_blob(replace(data.scan, points=data.scan.points[:0]))
     both = data.scan is not None and data.cloud is not None
     return (
         node.id,

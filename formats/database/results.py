@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from formats.database.calibration import blob_to_cameras
+from formats.database.calibration import blob_to_eyes
 from formats.database.connection import Connection, uri_of
 from formats.whole_files import whole_path
 from mapmyworld.errors import MapError
@@ -43,8 +43,8 @@ def sensor_parameters(db: Connection) -> dict[str, str]:
     motion = np.array([np.frombuffer(blob, "<f8") for (blob,) in poses]).reshape(-1, 4, 4)
     flat = bool(np.abs(motion[:, 2, [0, 1, 3]]).max(initial=0.0) < _FLAT)
     found = db.row("SELECT calibration FROM Data WHERE calibration IS NOT NULL LIMIT 1")
-    cameras = blob_to_cameras(found[0], "calibration") if found else ()
-    bent = any(camera.distortion.any() for camera in cameras)
+    cameras = blob_to_eyes(found[0], "calibration") if found else ()
+    bent = any(camera.distortion.any() for camera, _ in cameras)
     return {
         "Grid/Sensor": "0" if scans else "1",
         "Reg/Force3DoF": str(flat).lower(),

@@ -39,13 +39,9 @@ _SCAN_INFO_FLOATS = 19
 
 def scan_to_blob(scan: Scan) -> bytes:
     """One frame's scan, as it is: packing would save a fifth and cost ten times the writing."""
-    points = np.asarray(scan.points, "<f4").tobytes()
-    return _head(scan, len(scan.points)) + points + np.asarray(scan.missing, "<f4").tobytes()
-
-
-def _head(scan: Scan, points: int) -> bytes:
-    origin = scan.origin.tolist()
-    return _HEADER.pack(points, len(scan.missing), scan.range_max, scan.angle_increment, *origin)
+    counts, origin = (len(scan.points), len(scan.missing)), scan.origin.tolist()
+    head = _HEADER.pack(*counts, scan.range_max, scan.angle_increment, *origin)
+    return head + b"".join(np.asarray(a, "<f4").tobytes() for a in (scan.points, scan.missing))
 
 
 def blob_to_scan(blob: bytes, what: str) -> Scan:
@@ -62,11 +58,6 @@ def blob_to_scan(blob: bytes, what: str) -> Scan:
         raise MapError(f"{what}: a scan with points that are no numbers")
     returns = floats[: 2 * points].reshape(points, 2)
     return Scan(returns, np.array(origin), floats[2 * points :], range_max, increment)
-
-
-def scan_without_points(scan: Scan) -> bytes:
-    """What RTAB-Map's columns do not hold of a node's scan: beams that came back with nothing."""
-    return _head(scan, 0) + np.asarray(scan.missing, "<f4").tobytes()
 
 
 def scan_to_columns(scan: Scan) -> tuple[bytes | None, bytes]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -53,10 +54,19 @@ def write_replay(
     robot's own pose is written instead.
     """
     frames = _frames_of(log, shown.base_frame)
+    kinds = {t.topic: t.kind for t in log.info().topics}
+    tf = frozenset(name for name, kind in kinds.items() if kind is MessageKind.TRANSFORMS)
     with LogWriter(path, overwrite=True) as writer:
         copier = Copier(writer)
-        ours = _ours(shown, frames, odom_from_base, log)
-        for _, _, act in _merged(ours, log, frames, writer, copier):
+        ours = (
+            (at_ns, partial(writer.write, name, message, at_ns))
+            for at_ns, name, message in _ours(shown, frames, odom_from_base, log)
+        )
+        moved = ((r.log_time_ns, partial(_write_tf, r, frames, writer)) for r in log.messages(tf))
+        copied = copier.writes(log, frozenset(kinds) - tf)
+        others = ((at_ns, partial(write, at_ns)) for at_ns, _, write in copied)
+        # Where times are equal, ours come first.
+        for _, act in heapq.merge(ours, moved, others, key=itemgetter(0)):
             act()
     return [path, write_layout(path)], (*log.losses(), *copier.losses())
 
@@ -130,29 +140,6 @@ def _decoded(raw: RawMessage) -> Any:
         return raw.decode()
     except LogError:
         return None
-
-
-Act = tuple[int, int, Callable[[], None]]
-"""Log time, rank among equals, and what to do."""
-
-
-def _merged(
-    ours: Sequence[Event], log: LogSource, frames: _Frames, writer: LogWriter, copier: Copier
-) -> Iterator[Act]:
-    """Our messages and the log's in one order; ours come first where times are equal."""
-    kinds = {t.topic: t.kind for t in log.info().topics}
-    tf = frozenset(name for name, kind in kinds.items() if kind is MessageKind.TRANSFORMS)
-    others = frozenset(kinds) - tf
-    streams: list[Iterator[Act]] = [
-        ((at_ns, 0, partial(writer.write, name, message, at_ns)) for at_ns, name, message in ours)
-    ]
-    if tf:
-        raws = log.messages(tf)
-        streams.append((r.log_time_ns, 1, partial(_write_tf, r, frames, writer)) for r in raws)
-    if others:
-        copies = copier.writes(log, others)
-        streams.append((at_ns, 2, partial(write, at_ns)) for at_ns, _, write in copies)
-    return heapq.merge(*streams, key=lambda item: item[:2])
 
 
 def _write_tf(raw: RawMessage, frames: _Frames, writer: LogWriter) -> None:

@@ -9,27 +9,26 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
-from pathlib import Path
 from typing import Any, ClassVar
 
 from formats.decimal_stamps import stamp_from_text
 from formats.logs.carmen_records import (
+    BARE_LASERS,
     LASER_FRAMES,
     LASER_TOPICS,
+    PARSERS,
     RAW_LASERS,
     odometry_from_odom_line,
     odometry_of_record,
-    parse_laser,
     pose_from_truepos_line,
     scan_of_record,
 )
-from formats.logs.carmen_survey import Line, Reading, Survey, survey_lines
+from formats.logs.carmen_survey import Line, Survey, survey_lines
 from formats.logs.files import UnpackedFile
 from formats.logs.listed_log import ListedLog
 from formats.logs.poses import planar_pose
 from mapmyworld.errors import LogError
 from mapmyworld.types import (
-    Message,
     MessageKind,
     RawMessage,
     TransformsMessage,
@@ -44,10 +43,7 @@ KINDS = {
     "/ground_truth": (MessageKind.POSE, "geometry_msgs/msg/PoseStamped"),
     "/tf_static": (MessageKind.TRANSFORMS, "tf2_msgs/msg/TFMessage"),
 }
-_BARE_LASERS = frozenset({b"FLASER", b"RLASER"})
-"""Whose lines have the readings and poses alone."""
 _LINE_BYTES = 1 << 22  # a longer line is damage
-_STAMPED = frozenset({b"ODOM", b"TRUEPOS", *LASER_TOPICS})
 MARKS = (
     b"FLASER ",
     b"ROBOTLASER1 ",
@@ -71,7 +67,7 @@ class CarmenLog(ListedLog):
         lines = list(self._lines())
         survey = survey_lines(lines)
         stamped = [line for line in lines if line[0] != b"PARAM"]
-        if not stamped or survey.lasers_damaged == len(stamped):
+        if not stamped:
             raise LogError(
                 f"{self.path}: no whole FLASER, ROBOTLASER1, RAWLASER1 or ODOM line in it: not "
                 "a CARMEN log, or its beginning is missing",
@@ -86,10 +82,10 @@ class CarmenLog(ListedLog):
     def _messages(self, survey: Survey, stamped: list[Line]) -> Iterator[RawMessage]:
         if survey.base_from_laser:
             yield _mountings(survey, *stamped[0][2:])
-        for kind, line, stamp_ns, log_time_ns in stamped:
+        for kind, read, stamp_ns, log_time_ns in stamped:
             for topic, decode, *given in _parts(kind, survey):
-                guarded = partial(_decode, self.path, kind, decode, line, stamp_ns, *given)
-                yield RawMessage(topic, KINDS[topic][0], log_time_ns, stamp_ns, guarded)
+                made = partial(decode, read, stamp_ns, *given)
+                yield RawMessage(topic, KINDS[topic][0], log_time_ns, stamp_ns, made)
 
     def _lines(self) -> Iterator[Line]:
         """Lines that matter, with exact stamps and non-decreasing log times; counts bad ones."""
@@ -101,19 +97,18 @@ class CarmenLog(ListedLog):
                 kind = line[: line.find(b" ")]
                 if kind == b"PARAM":
                     yield kind, line, 0, latest_ns
-                if kind not in _STAMPED:
+                if kind not in PARSERS:
                     continue
                 fields = line.split()
-                stamp_ns = _stamp(kind, fields)
-                if stamp_ns is None and kind in _BARE_LASERS and line.endswith(b"\n"):
-                    # Some converters end a line with its stamp: nothing here needs what follows.
-                    fields += [b"-", b"0"]
-                    stamp_ns = _stamp(kind, fields)
-                if stamp_ns is None:
+                try:
+                    if kind in BARE_LASERS and line.endswith(b"\n"):
+                        # Some converters end a line with its stamp: nothing needs what follows.
+                        fields += [b"-", b"0"] * (len(fields) == int(fields[1]) + 9)
+                    read, stamp_ns = PARSERS[kind](fields), stamp_from_text(fields[-3])
+                except (ValueError, IndexError):
                     bad, first_bad = bad + 1, first_bad or number
                     continue
                 latest_ns = max(latest_ns, stamp_ns)
-                read = parse_laser(fields) if kind in LASER_TOPICS else line
                 yield kind, read, stamp_ns, latest_ns
         if unpacked.damage:
             self.problems.append(
@@ -123,22 +118,6 @@ class CarmenLog(ListedLog):
             self.problems.append(
                 f"{self.path}: {bad} damaged line(s) skipped, the first is line {first_bad}"
             )
-
-
-_LEAST_FIELDS = {
-    b"ODOM": 10, b"TRUEPOS": 10, b"ROBOTLASER1": 24, b"ROBOTLASER2": 24,
-    b"RAWLASER1": 13, b"RAWLASER2": 13,
-}  # fmt: skip
-
-
-def _stamp(kind: bytes, fields: list[bytes]) -> int | None:
-    """The stamp of a line with as many fields as it announces; None for a damaged one."""
-    try:
-        announced = int(fields[1]) + 11 if kind in _BARE_LASERS else len(fields)
-        whole = len(fields) == announced and len(fields) >= _LEAST_FIELDS.get(kind, 0)
-        return stamp_from_text(fields[-3]) if whole else None
-    except (ValueError, IndexError):
-        return None
 
 
 def _parts(kind: bytes, survey: Survey) -> Iterator[tuple[Any, ...]]:
@@ -152,17 +131,6 @@ def _parts(kind: bytes, survey: Survey) -> Iterator[tuple[Any, ...]]:
             yield "/odom", odometry_of_record
         range_max = survey.range_max.get(kind, 0.0)
         yield LASER_TOPICS[kind], scan_of_record, LASER_FRAMES[kind], range_max
-
-
-def _decode(
-    path: Path, kind: bytes, decode: Callable[..., Message], read: Reading, *given: Any
-) -> Message:
-    try:
-        if isinstance(read, str):
-            raise ValueError(read)
-        return decode(read, *given)
-    except (ValueError, IndexError) as error:
-        raise LogError(f"{path}: damaged {kind.decode()} line: {error}") from error
 
 
 def _mountings(survey: Survey, stamp_ns: int, log_time_ns: int) -> RawMessage:

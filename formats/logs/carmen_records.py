@@ -7,7 +7,7 @@ The format is CARMEN's own: one message a line, `NAME fields... ipc_timestamp ho
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,8 @@ _NONE = np.zeros(0, np.float32)
 _MAX_BEAMS = 100_000  # more in one line is damage, not a lidar
 FRONT_LASERS = (b"FLASER", b"ROBOTLASER1", b"RAWLASER1")
 REAR_LASERS = (b"RLASER", b"ROBOTLASER2", b"RAWLASER2")
+BARE_LASERS = (b"FLASER", b"RLASER")
+"""Whose lines have the readings and poses alone."""
 RAW_LASERS = frozenset({b"RAWLASER1", b"RAWLASER2"})
 """Whose lines indicate no pose."""
 LASER_FRAMES = dict.fromkeys(FRONT_LASERS, "laser") | dict.fromkeys(REAR_LASERS, "laser_rear")
@@ -99,12 +101,19 @@ def _finite(fields: list[bytes]) -> list[float]:
     return values
 
 
-def parse_laser(fields: list[bytes]) -> LaserRecord | str:
-    """A laser line of any kind; where it is damaged, in what way."""
-    try:
-        return (parse_robotlaser if fields[0].startswith((b"RO", b"RA")) else parse_flaser)(fields)
-    except (ValueError, IndexError) as error:
-        return str(error)
+def parse_numbers(fields: list[bytes]) -> list[float]:
+    """The five numbers that ODOM and TRUEPOS lines begin with. ValueError where it is damaged."""
+    if len(fields) < 10:
+        raise ValueError(f"{len(fields)} fields where 10 are needed")
+    return _finite(fields[1:6])
+
+
+PARSERS: dict[bytes, Callable[[list[bytes]], LaserRecord | list[float]]] = {
+    **dict.fromkeys((b"ODOM", b"TRUEPOS"), parse_numbers),
+    **dict.fromkeys(LASER_TOPICS, parse_robotlaser),
+    **dict.fromkeys(BARE_LASERS, parse_flaser),
+}
+"""By the kind of a line; they raise ValueError or IndexError where it is damaged."""
 
 
 def scan_of_record(
@@ -134,14 +143,12 @@ def odometry_of_record(record: LaserRecord, stamp_ns: int) -> OdometryMessage:
     return _odometry(stamp_ns, record.odom_from_base, np.zeros(6))
 
 
-def odometry_from_odom_line(line: bytes, stamp_ns: int) -> OdometryMessage:
+def odometry_from_odom_line(numbers: list[float], stamp_ns: int) -> OdometryMessage:
     """ODOM x y theta tv rv accel: pose and speed."""
-    *pose, forward, turning = _finite(line.split(None, 6)[1:6])
+    *pose, forward, turning = numbers
     return _odometry(stamp_ns, pose, np.array([forward, 0.0, 0.0, 0.0, 0.0, turning]))
 
 
-def pose_from_truepos_line(line: bytes, stamp_ns: int) -> PoseMessage:
+def pose_from_truepos_line(numbers: list[float], stamp_ns: int) -> PoseMessage:
     """TRUEPOS true_x true_y true_theta odom_x odom_y odom_theta: the simulator's true pose."""
-    return PoseMessage(
-        stamp_ns, "map", planar_pose(*_finite(line.split(None, 4)[1:4])), _UNKNOWN_COVARIANCE
-    )
+    return PoseMessage(stamp_ns, "map", planar_pose(*numbers[:3]), _UNKNOWN_COVARIANCE)

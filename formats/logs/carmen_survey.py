@@ -29,8 +29,8 @@ _CONSTANT_M = 0.02  # a mounting whose middle half of samples spreads more is a 
 _MOUNTING_SAMPLES = 2000
 _RANGE_PARAMETERS = (b"robot_front_laser_max", b"robot_frontlaser_max")
 
-Reading = LaserRecord | bytes | str
-"""A laser's line as a sweep, or why it holds none; others as they are."""
+Reading = LaserRecord | list[float] | bytes
+"""A laser's line as a sweep, its numbers where it has five; a parameter's as it is."""
 Line = tuple[bytes, Reading, int, int]
 """Kind, what was read, stamp and log time in ns."""
 
@@ -45,8 +45,6 @@ class Survey:
     """Frame -> (3,) x, y, yaw."""
     doubts: dict[str, str] = field(default_factory=dict)
     """Topic -> what is doubtful of it, though every line is sound."""
-    lasers_damaged: int = 0
-    """Lines of lasers that hold no sweep."""
 
     @cached_property
     def unused(self) -> set[bytes]:
@@ -154,11 +152,9 @@ def survey_lines(lines: Iterable[Line]) -> Survey:
     """Survey of lines as they were read; PARAM lines included."""
     survey, lasers = Survey(), defaultdict[bytes, list[LaserRecord]](list)
     for kind, read, _, _ in lines:
-        if isinstance(read, str):
-            survey.lasers_damaged += 1
-        elif isinstance(read, LaserRecord):
+        if isinstance(read, LaserRecord):
             lasers[kind].append(read)
-        elif kind == b"PARAM":
+        elif isinstance(read, bytes):
             name, value = [*read.split(None, 3), b"", b""][1:3]
             survey.parameters[name] = value
     for kind, records in sorted(lasers.items(), key=lambda item: (item[0] in RAW_LASERS, item[0])):

@@ -25,7 +25,7 @@ from formats.logs.message_fields import (
     stamp_of,
     xyz,
 )
-from formats.logs.point_clouds import PointField, cloud_cells, cloud_points
+from formats.logs.point_clouds import cloud_cells, cloud_points
 from formats.logs.ros_decoders import camera_info, image, image_compressed, pose
 from mapmyworld.types import (
     LaserScanMessage,
@@ -94,7 +94,7 @@ def point_cloud(value: Any) -> PointCloudMessage:
     if step <= 0:
         raise ValueError("a point cloud without a stride")
     fields = [
-        PointField(
+        (
             str(field(item, "name", "")),
             int(field(item, "offset", 0)),
             _DATATYPES.get(int(field(item, "type", 0)), 0),

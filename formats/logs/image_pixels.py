@@ -29,24 +29,10 @@ _LAYOUTS = {
 }  # fmt: skip
 
 
-def raw_image(
-    stamp_ns: int,
-    frame_id: str,
-    encoding: str,
-    width: int,
-    height: int,
-    step: int,
-    data: bytes | memoryview,
-    big_endian: bool = False,
-) -> ImageMessage:
-    """An image of rows of `step` bytes."""
-    decode = partial(_raw_pixels, encoding, width, height, step, data, big_endian)
-    return ImageMessage(stamp_ns, frame_id, encoding, width, height, decode)
-
-
-def _raw_pixels(
+def raw_pixels(
     encoding: str, width: int, height: int, step: int, data: bytes | memoryview, big_endian: bool
 ) -> NDArray[np.generic]:
+    """Pixels (H, W, ...) of rows of `step` bytes, as `ImageMessage` has them. Raises `LogError`."""
     layout = _LAYOUTS.get(encoding) or _LAYOUTS.get(encoding.lower())
     if layout is None:
         raise LogError(f"image encoding {encoding!r} is not known: record rgb8, mono8 or 16UC1")

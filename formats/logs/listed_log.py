@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from formats.logs.files import hash_files
-from mapmyworld.types import LogInfo, RawMessage, topics_of
+from formats.ros_messages import TYPES
+from mapmyworld.types import LogInfo, RawMessage, TopicInfo, topics_of
 
 
 class ListedLog:
@@ -15,11 +16,12 @@ class ListedLog:
 
     container = ""
     encoding = ""
-    type_names: ClassVar[Mapping[str, str]]
-    """Of each topic, as ROS 2 writes them."""
+    type_names: ClassVar[Mapping[str, str]] = {}
+    """Of topics, as ROS 2 writes them, where they are not those of their kind."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._topics: tuple[TopicInfo, ...] | None = None
         self._list()
 
     def _list(self) -> Callable[[], Iterator[RawMessage]]:
@@ -39,11 +41,17 @@ class ListedLog:
         return [self.path]
 
     def info(self) -> LogInfo:
+        if self._topics is None:
+            named = self.type_names
+            messages = self.messages()  # looked at once; none is decoded
+            self._topics = topics_of(
+                messages, lambda raw: named.get(raw.topic, TYPES[raw.kind]), self.encoding
+            )
         return LogInfo(
             (str(self.path),),
             self.container,
             sum(path.stat().st_size for path in self._files() if path.is_file()),
-            topics_of(self.messages(), lambda raw: self.type_names[raw.topic], self.encoding),
+            self._topics,
             tuple(self.details),
             tuple(self.problems),
             tuple(sorted(self.doubts.items())),

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +11,6 @@ from formats.logs.message_fields import singles
 
 # sensor_msgs/PointField datatypes.
 DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-
-
-@dataclass(frozen=True, slots=True)
-class PointField:
-    """One number of a point."""
-
-    name: str
-    offset: int  # bytes from the start of a point
-    datatype: int
 
 
 def cloud_points(
@@ -36,7 +26,7 @@ def cloud_points(
 
 
 def cloud_cells(
-    fields: Sequence[PointField],
+    fields: Iterable[tuple[str, int, int]],
     data: bytes | memoryview,
     width: int,
     height: int,
@@ -44,14 +34,17 @@ def cloud_cells(
     row_step: int,
     big_endian: bool = False,
 ) -> NDArray[np.void]:
-    """One structured value a point (N,); ValueError where the fields do not fit the data."""
+    """One structured value a point (N,); ValueError where the fields do not fit the data.
+
+    `fields`: name, bytes from the start of a point, datatype.
+    """
     order = ">" if big_endian else "<"
-    known = {field.name: field for field in fields if field.datatype in DATATYPES}
+    known = {name: (at, DATATYPES[kind]) for name, at, kind in fields if kind in DATATYPES}
     layout = np.dtype(
         {
             "names": list(known),
-            "formats": [order + DATATYPES[field.datatype] for field in known.values()],
-            "offsets": [field.offset for field in known.values()],
+            "formats": [order + kind for _, kind in known.values()],
+            "offsets": [at for at, _ in known.values()],
             "itemsize": step,
         }
     )

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.logs.image_pixels import compressed_image, raw_image
+from formats.logs.image_pixels import compressed_image, raw_pixels
 from formats.logs.message_fields import (
     doubles_of,
     field,
@@ -134,15 +135,11 @@ def camera_info(value: Any) -> CameraInfoMessage:
 
 def image(value: Any) -> ImageMessage:
     """Pixels as they are, decoded when asked for."""
-    return raw_image(
-        *header_of(value),
-        field(value, "encoding", ""),
-        int(field(value, "width", 0)),
-        int(field(value, "height", 0)),
-        int(field(value, "step", 0)),
-        octets_of(value, "data"),
-        big_endian=bool(field(value, "is_bigendian", False)),
-    )
+    encoding, data = field(value, "encoding", ""), octets_of(value, "data")
+    width, height, step = (int(field(value, name, 0)) for name in ("width", "height", "step"))
+    big_endian = bool(field(value, "is_bigendian", False))
+    decode = partial(raw_pixels, encoding, width, height, step, data, big_endian)
+    return ImageMessage(*header_of(value), encoding, width, height, decode)
 
 
 def image_compressed(value: Any) -> ImageMessage:
@@ -156,9 +153,9 @@ def point_cloud(value: Any) -> PointCloudMessage:
     if len(value.fields) > _MOST_FIELDS:
         raise ValueError(f"{len(value.fields)} fields")
     size = value.width, value.height, value.point_step, value.row_step
-    points, colours = cloud_points(
-        cloud_cells(value.fields, memoryview(value.data), *size, bool(value.is_bigendian))
-    )
+    fields = [(f.name, f.offset, f.datatype) for f in value.fields]
+    cells = cloud_cells(fields, memoryview(value.data), *size, bool(value.is_bigendian))
+    points, colours = cloud_points(cells)
     return PointCloudMessage(*header_of(value), points, colours)
 
 

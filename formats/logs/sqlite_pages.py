@@ -34,10 +34,6 @@ class Cell:
     here: int
 
 
-class DamagedRowError(Exception):
-    """Part of a row is not there."""
-
-
 class Pages:
     """The pages of a file that begins as a database does."""
 
@@ -87,7 +83,7 @@ class Pages:
         return wanted if wanted <= most else least
 
     def values(self, cell: Cell) -> list[Value]:
-        """The columns of a row; DamagedRowError where it is not whole."""
+        """The columns of a row; ValueError where it is not whole."""
         payload = self._payload(cell)
         head, at = _varint(payload, 0)
         found, place = list[Value](), head
@@ -95,7 +91,7 @@ class Pages:
             kind, at = _varint(payload, at)
             size = _width(kind)
             if place + size > len(payload):
-                raise DamagedRowError
+                raise ValueError("part of a row is not there")
             found.append(_value(kind, payload[place : place + size]))
             place += size
         return found
@@ -109,7 +105,7 @@ class Pages:
             at = (page - 1) * self.size
             size = min(left, self._usable - 4)
             if page < 2 or at + 4 + size > len(self._data):
-                raise DamagedRowError
+                raise ValueError("part of a row is not there")
             parts.append(bytes(self._data[at + 4 : at + 4 + size]))
             left -= size
         return b"".join(parts)
@@ -156,8 +152,6 @@ class Salvage:
     messages: list[tuple[int, int, int, Cell]] = field(default_factory=list)
     """Time in ns, row, topic and place of each, in the order of rows."""
     topics: dict[int, list[Value]] = field(default_factory=dict)
-    lost: int = 0
-    """Rows found whose bytes are not all there."""
 
     def rows(self, first: int, last: int) -> Iterator[tuple[int, int, int, Value]]:
         """Row, time, topic and bytes of the messages in these rows."""
@@ -182,7 +176,11 @@ def salvage(path: Path) -> Salvage:
     """Every row of messages and topics in the pages of a file."""
     with path.open("rb") as stream:
         found = Salvage(Pages(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)))
-    for cell, values in _rows(found):
+    for cell in found.pages.cells():
+        try:
+            values = found.pages.values(cell)
+        except ValueError:
+            continue
         match values:
             case [None, int(topic), int(time), bytes()]:
                 found.messages.append((time, cell.row, topic, cell))
@@ -191,11 +189,3 @@ def salvage(path: Path) -> Salvage:
                     found.topics[cell.row] = values
     found.messages.sort(key=itemgetter(1))
     return found
-
-
-def _rows(found: Salvage) -> Iterator[tuple[Cell, list[Value]]]:
-    for cell in found.pages.cells():
-        try:
-            yield cell, found.pages.values(cell)
-        except DamagedRowError:
-            found.lost += 1

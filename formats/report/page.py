@@ -4,64 +4,51 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from importlib import resources
+from types import MappingProxyType
 from typing import Any
 
 from formats.readable import readable
 
 
-@dataclass(slots=True)
-class Page:
-    """Sections in the order in which they are added."""
+def page_html(
+    title: str,
+    subtitle: str,
+    sections: Iterable[Sequence[str]],
+    data: Mapping[str, Any] = MappingProxyType({}),
+) -> str:
+    """The page: of each section a heading, if it has one, and ready-made HTML under it.
 
-    title: str
-    subtitle: str = ""
-    _parts: list[str] = field(default_factory=list)
-    _contents: list[tuple[str, str]] = field(default_factory=list)
-    _data: list[tuple[str, str]] = field(default_factory=list)
-
-    def section(self, heading: str, *html: str) -> None:
-        """A heading and ready-made HTML under it; left out when there is nothing under it."""
+    Sections with nothing under them are left out. `data` are values that the page's script reads;
+    they stand last, one block a line.
+    """
+    parts, links = [], ""
+    for heading, *html in sections:
         body = "\n".join(part for part in html if part)
-        if body:
+        if body and heading:
             key = "".join(c if c.isalnum() else "-" for c in heading.lower())
-            self._contents.append((key, heading))
-            title = f"<h2>{escape(heading)}</h2>"
-            self._parts.append(f'<section id="{key}">{title}\n{body}</section>')
-
-    def add(self, html: str) -> None:
-        """Ready-made HTML without a heading."""
-        self._parts.append(html)
-
-    def data(self, name: str, value: Any) -> None:
-        """Values that the page's script reads."""
-        self._data.append((name, embedded_json(value)))
-
-    def html(self) -> str:
-        """The page; its data stand last, one block a line."""
-        links = "".join(
-            f'<a href="#{key}">{escape(readable(name))}</a>' for key, name in self._contents
-        )
-        title, subtitle = (escape(readable(text)) for text in (self.title, self.subtitle))
-        blocks = "\n".join(
-            f'<script type="application/json" id="{name}">{text}</script>'
-            for name, text in self._data
-        )
-        return (
-            '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"<title>{title}</title>\n"
-            f"<style>\n{_asset('uPlot.min.css')}\n{_asset('report.css')}</style>\n"
-            f"</head>\n<body>\n<header><h1>{title}</h1>\n"
-            f'<p class="sub">{subtitle}</p>\n<nav>{links}'
-            '<button id="theme" type="button" hidden>dark</button></nav></header>\n<main>\n'
-            + readable("\n".join(self._parts))
-            + f"\n</main>\n<script>{_asset('libraries.min.js')}</script>\n{blocks}\n"
-            + f"<script>\n{_asset('report.js')}</script>\n</body>\n</html>\n"
-        )
+            links += f'<a href="#{key}">{escape(readable(heading))}</a>'
+            body = f'<section id="{key}"><h2>{escape(heading)}</h2>\n{body}</section>'
+        parts += [body] if body else []
+    title, subtitle = (escape(readable(text)) for text in (title, subtitle))
+    blocks = "\n".join(
+        f'<script type="application/json" id="{name}">{embedded_json(value)}</script>'
+        for name, value in data.items()
+    )
+    return (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{title}</title>\n"
+        f"<style>\n{_asset('uPlot.min.css')}\n{_asset('report.css')}</style>\n"
+        f"</head>\n<body>\n<header><h1>{title}</h1>\n"
+        f'<p class="sub">{subtitle}</p>\n<nav>{links}'
+        '<button id="theme" type="button" hidden>dark</button></nav></header>\n<main>\n'
+        + readable("\n".join(parts))
+        + f"\n</main>\n<script>{_asset('libraries.min.js')}</script>\n{blocks}\n"
+        + f"<script>\n{_asset('report.js')}</script>\n</body>\n</html>\n"
+    )
 
 
 def _asset(name: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from html import escape
 from pathlib import PurePath
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from formats.report.contents import ReportContents
 from formats.report.evidence import card, definitions
 from formats.report.map_layers import layers_of, map_svg, view_of
-from formats.report.page import Page, figures, folded, notes, paragraph, table
+from formats.report.page import figures, folded, notes, page_html, paragraph, table
 from formats.report.page_data import cloud_data, page_data
 from formats.whole_files import utf8_of
 
@@ -31,33 +32,33 @@ _EDITING = (
 
 def report_html(contents: ReportContents) -> str:
     """The page. Only its data block `timing` differs between two builds of the same map."""
-    page = Page(f"Map {contents.name}", f"made by mapmyworld {contents.version}")
     state = "problem" if contents.problems else "fine"
     first, stop, rest = contents.verdict.partition(". ")
     reported = f"<b>{escape(first + stop)}</b>{escape(rest)}"
-    page.add(f'<p class="verdict-line {state}">{reported}</p>')
-    page.add(notes(contents.problems))
-    page.add(figures(contents.headline))
-    page.add(_products(contents))
-    page.section("The map", _map(contents))
     cloud = cloud_data(contents.cloud)
-    page.section("The cloud", _cloud(cloud))
-    page.section("Notes", notes(contents.notes))
-    page.section("Diagnosis of the sensors", _diagnosis(contents))
-    page.section("The log", table(("what", "choice", "why"), contents.decisions))
-    page.section("Closures", _kinds(contents), *_evidence(contents))
-    page.section("Residuals", *_fit(contents))
-    page.section("Uncertainty", _chart("sigma") if contents.nodes.sigmas_m is not None else "")
-    page.section("Settings that differ", *_settings(contents))
     again = f"<pre>{escape(contents.reproduce)}</pre>" if contents.reproduce else ""
-    page.section("Reproduce this map", again)
-    # An empty place: the script fills it from the block that may differ between builds.
-    page.section("Time and memory", '<div id="timing"></div>' if contents.timing else "")
-    page.section("Optimality", paragraph(contents.proof))
-    page.data("data", page_data(contents))
-    page.data("cloud-data", cloud)
-    page.data("timing-data", contents.timing)
-    return page.html()
+    sections: list[Sequence[str]] = [
+        ("", f'<p class="verdict-line {state}">{reported}</p>'),
+        ("", notes(contents.problems)),
+        ("", figures(contents.headline)),
+        ("", _products(contents)),
+        ("The map", _map(contents)),
+        ("The cloud", _cloud(cloud)),
+        ("Notes", notes(contents.notes)),
+        ("Diagnosis of the sensors", _diagnosis(contents)),
+        ("The log", table(("what", "choice", "why"), contents.decisions)),
+        ("Closures", _kinds(contents), *_evidence(contents)),
+        ("Residuals", *_fit(contents)),
+        ("Uncertainty", _chart("sigma") if contents.nodes.sigmas_m is not None else ""),
+        ("Settings that differ", *_settings(contents)),
+        ("Reproduce this map", again),
+        # An empty place: the script fills it from the block that may differ between builds.
+        ("Time and memory", '<div id="timing"></div>' if contents.timing else ""),
+        ("Optimality", paragraph(contents.proof)),
+    ]
+    data = {"data": page_data(contents), "cloud-data": cloud, "timing-data": contents.timing}
+    made_by = f"made by mapmyworld {contents.version}"
+    return page_html(f"Map {contents.name}", made_by, sections, data)
 
 
 def _products(contents: ReportContents) -> str:

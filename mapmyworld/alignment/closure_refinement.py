@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.alignment.joint_system import is_by_laser
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
     between_planar,
@@ -27,7 +28,6 @@ from mapmyworld.places.laser_submaps import match_submaps, place_around
 from mapmyworld.registration.place_evidence import needed_evidence
 from mapmyworld.registration.scan_search import MARGIN
 from mapmyworld.types import (
-    CLOSURES,
     Constraint,
     Judge,
     Judged,
@@ -51,17 +51,11 @@ def refine_closures(
     row = {int(i): k for k, i in enumerate(nodes.ids)}
     result, anew = list(constraints), []
     for k, c in enumerate(constraints):
-        if _is_by_laser(c) and not _fits(c, nodes, row):
+        if is_by_laser(c) and not _fits(c, nodes, row):
             verdict, measured = _reviewed(c, nodes, row, config)
             result[k] = c.judged(verdict)
             anew += measured
     return (*result, *anew)
-
-
-def _is_by_laser(constraint: Judged) -> bool:
-    """Whether an accepted closure comes from `laser_closures`, and no person judged it."""
-    by_laser = isinstance(constraint.source, ScanMatch) and not constraint.is_by_hand
-    return constraint.accepted and constraint.kind in CLOSURES and by_laser
 
 
 def _fits(c: Constraint, nodes: LaserNodes, row: dict[int, int]) -> bool:

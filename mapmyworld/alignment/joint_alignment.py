@@ -7,8 +7,8 @@ relative pose with the information that its points have of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,50 +53,30 @@ def align_in_rounds(
     pairs_at: Callable[[Array], Pairs],
     config: Config,
     progress: Progress,
+    max_distances: Array = FINE,
 ) -> JointAlignment:
     """Poses (N, 3) that fit pairs of scans and the system's edges best, from poses far off on.
 
-    `pairs_at` chooses the pairs (P, 2) that are worth comparing where the poses are, in each round.
+    The scans are the system's first nodes. `pairs_at` chooses the pairs (P, 2) that are worth
+    comparing where the poses are, in each round. Points are associated within `max_distances` (K,),
+    in metres, one of them a round.
     """
-    moved: tuple[float, ...] = ()
-    settings = config.registration
-    for reach in FINE:
-        pairs = pairs_at(poses)
-        found = align_jointly(scans, system, poses, pairs, [reach], settings, config.threads)
-        poses, moved = found.poses, moved + found.moved
-        progress.update(len(moved))
-        decided(
-            "refine",
-            f"{len(pairs)} pairs of scans, moved by {moved[-1]:.4f} m, "
-            f"residual {found.residual:.4f} m",
-        )
-    return replace(found, moved=moved)
-
-
-def align_jointly(
-    scans: ScanSet,
-    system: System,
-    poses: Array,
-    pairs: Pairs,
-    max_distances: Sequence[float],
-    config: RegistrationConfig,
-    threads: int,
-) -> JointAlignment:
-    """Poses (N, 3) that fit the `pairs` (P, 2) of scans and the system's edges best.
-
-    The scans are the system's first nodes. One round a reach: the distance (m) within which points
-    are associated.
-    """
-    systems = np.zeros((len(pairs), 15))
     moved: list[float] = []
+    settings = config.registration
     for reach in max_distances:
-        _associate(scans, poses, pairs, reach, config, threads, systems)
-        every = with_edges(system, *pair_edges(poses, pairs, systems, config))
+        pairs = pairs_at(poses)
+        systems = _associated(scans, poses, pairs, reach, config)
+        every = with_edges(system, *pair_edges(poses, pairs, systems, settings))
         joint = believed_edges(every, np.ones(len(every.tails), np.bool_))
         before, poses = poses, optimised_roughly(joint, poses, steps=1)
         moved.append(_length((poses - before)[joint.free >= 0, :2]))
-    weights = max(float(systems[:, 9].sum()), 1e-9)
-    residual = float(np.sqrt(systems[:, 10].sum() / weights))
+        weights = max(float(systems[:, 9].sum()), 1e-9)
+        residual = float(np.sqrt(systems[:, 10].sum() / weights))
+        progress.update(len(moved))
+        decided(
+            "refine",
+            f"{len(pairs)} pairs of scans, moved by {moved[-1]:.4f} m, residual {residual:.4f} m",
+        )
     return JointAlignment(poses, tuple(moved), residual, joint, len(pairs))
 
 
@@ -114,9 +94,8 @@ def counted_once(
     """
     if len(pairs) == 0:
         return information
-    systems, settings = np.zeros((len(pairs), 15)), config.registration
-    _associate(scans, poses, pairs, float(FINE[0]), settings, config.threads, systems)
-    known = pair_edges(poses, pairs, systems, settings)[3] - FAINT * np.eye(3)
+    systems = _associated(scans, poses, pairs, float(FINE[0]), config)
+    known = pair_edges(poses, pairs, systems, config.registration)[3] - FAINT * np.eye(3)
     values, axes = np.linalg.eigh(information)
     root = axes * np.sqrt(np.maximum(values, 1e-12))[:, None, :]
     whitened = np.linalg.solve(root, np.linalg.solve(root, known).swapaxes(1, 2))
@@ -152,12 +131,9 @@ def _length(shifts: Array) -> float:
     return float(np.sqrt(np.sum(shifts**2) / max(len(shifts), 1)))
 
 
-def _associate(
-    scans: ScanSet, poses: Array, pairs: Pairs, reach: float, config: RegistrationConfig,
-    threads: int, systems: Array,
-) -> None:  # fmt: skip
-    """Fills `systems` (P, 15) with the normal equations of all pairs at `poses`."""
-    scale = config.residual_share * reach
+def _associated(scans: ScanSet, poses: Array, pairs: Pairs, reach: float, config: Config) -> Array:
+    """(P, 15) the normal equations of all pairs at `poses`."""
+    scale, systems = config.registration.residual_share * reach, np.zeros((len(pairs), 15))
 
     def work(first: int, last: int) -> None:
         pair_systems(
@@ -165,7 +141,8 @@ def _associate(
             systems,
         )  # fmt: skip
 
-    run_in_chunks(work, len(pairs), threads)
+    run_in_chunks(work, len(pairs), config.threads)
+    return systems
 
 
 def without_open(known: Array) -> Array:

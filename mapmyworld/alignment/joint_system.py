@@ -18,7 +18,7 @@ from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar, 
 from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.graph.constraint_system import stated_system
 from mapmyworld.odometry.tracking_losses import UNKNOWN
-from mapmyworld.types import CLOSURES, ConstraintKind, Judge, Judged, Node, Poses, ScanMatch
+from mapmyworld.types import CLOSURES, ConstraintKind, Judged, Node, Poses, ScanMatch
 
 Edges = tuple[Index, Index, Array, Array]
 """Tails, heads, relative poses (E, 3), information (E, 3, 3)."""
@@ -56,10 +56,14 @@ NOTHING = Statements((), ())
 
 def holds(constraint: Judged) -> bool:
     """Whether it holds poses itself: no neighbour, no closure by laser that nobody judged."""
-    by_hand = any(verdict.judge is Judge.PERSON for verdict in constraint.verdicts)
-    scanned = isinstance(constraint.source, ScanMatch) and not by_hand
+    scanned = isinstance(constraint.source, ScanMatch) and not constraint.is_by_hand
     moved = constraint.kind is ConstraintKind.NEIGHBOUR
     return constraint.accepted and not (scanned or moved)
+
+
+def is_by_laser(constraint: Judged) -> bool:
+    """Whether an accepted closure comes from `laser_closures`, and no person judged it."""
+    return constraint.accepted and constraint.kind in CLOSURES and not holds(constraint)
 
 
 def _ends(constraint: Judged) -> tuple[int, int]:
@@ -141,8 +145,7 @@ def _closed(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged])
     row_of = {node.id: row for row, node in enumerate(nodes)}
     found = [
         c for c in constraints
-        if c.kind in CLOSURES and c.accepted and not holds(c)
-        and c.from_id in row_of and c.to_id in row_of
+        if is_by_laser(c) and c.from_id in row_of and c.to_id in row_of
     ]  # fmt: skip
     if not found:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3))

@@ -12,6 +12,7 @@ from typing import Any
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmyworld.backend.landmarks import POLAR, sighting_derivatives, sighting_residuals
 from mapmyworld.backend.system import Objects, System, chosen_edges, moving_edges
@@ -92,15 +93,18 @@ def _from_held_nodes(system: System) -> System:
     into = (system.free[system.heads] < 0) & (system.free[system.tails] >= 0)
     if system.kinds is not None:
         into &= system.kinds == 0
-    if not into.any():
-        return system
+    return turned(system, into) if into.any() else system
+
+
+def turned(system: System, which: NDArray[np.bool_]) -> System:
+    """The system with these edges (E,) leading from their heads to their tails."""
     measured, information = system.measured.copy(), system.information.copy()
-    back = (invert_planar if system.planar else invert)(measured[into])
+    back = (invert_planar if system.planar else invert)(measured[which])
     adjoint = (planar_adjoint if system.planar else se3_adjoint)(back)
-    measured[into] = back
-    information[into] = np.swapaxes(adjoint, 1, 2) @ information[into] @ adjoint
+    measured[which] = back
+    information[which] = np.swapaxes(adjoint, 1, 2) @ information[which] @ adjoint
     tails, heads = system.tails.copy(), system.heads.copy()
-    tails[into], heads[into] = system.heads[into], system.tails[into]
+    tails[which], heads[which] = system.heads[which], system.tails[which]
     return replace(system, tails=tails, heads=heads, measured=measured, information=information)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
@@ -33,37 +32,9 @@ class Tree:
     """(N,) the edge that leads to the parent; -1 for roots."""
 
 
-def chain_start(
-    planar: bool,
-    guess: Array,
-    tails: Index,
-    heads: Index,
-    measured: Array,
-    trusted: NDArray[np.bool_],
-) -> Array:
-    """Poses (N, 3 or 4, 4) along the spanning tree of `trusted` edges (E,) and short jumps in time.
-
-    The former come first: they are odometry. `tails`, `heads` (E,) are positions in `guess`
-    (N, 3 or 4, 4), map_from_node, whose first pose of every component is kept; `measured`
-    (E, 3 or 4, 4) are tail_from_head.
-    """
-    penalty = np.where(trusted, 0, len(guess))
-    tree = spanning_tree(planar, len(guess), tails, heads, measured, penalty)
-    return along_tree(planar, guess, tree.parents, tree.motions)
-
-
-def spanning_tree(
-    planar: bool,
-    count: int,
-    tails: Index,
-    heads: Index,
-    measured: Array,
-    penalty: Index | None = None,
-) -> Tree:
-    """The tree of the shortest jumps over `count` nodes, each lengthened by its `penalty` (E,).
-
-    Edges lead from `tails` (E,) to `heads` (E,), with `measured` (E, 3 or 4, 4) as tail_from_head.
-    """
+def spanning_tree(system: System, count: int, penalty: Index | None = None) -> Tree:
+    """The tree of the shortest jumps over `count` nodes, each lengthened by its `penalty` (E,)."""
+    planar, tails, heads, measured = system.planar, system.tails, system.heads, system.measured
     low, high = np.minimum(tails, heads), np.maximum(tails, heads)
     jump = high - low + (0 if penalty is None else penalty)
     order = np.lexsort((jump, high, low))
@@ -110,31 +81,25 @@ def along_tree(planar: bool, guess: Array, parents: Index, motions: Array) -> Ar
     return np.asarray(compose(guess[parents], motions))
 
 
-def chordal_start(
-    planar: bool,
-    guess: Array,
-    anchors: Index,
-    tails: Index,
-    heads: Index,
-    measured: Array,
-    information: Array,
-) -> Array:
+def chordal_start(system: System, guess: Array, anchors: Index) -> Array:
     """Poses (N, 3 or 4, 4) by the chordal relaxation.
 
     Rotations as free matrices, projected; then positions. Linear twice, so no local minimum.
     Carlone, Tron, Daniilidis, Dellaert, "Initialization techniques for 3D SLAM" (2015). The poses
-    of `anchors` (A,) in `guess` (N, 3 or 4, 4) are kept. Edges lead from `tails` (E,) to `heads`
-    (E,), with `measured` (E, 3 or 4, 4) as tail_from_head and their `information` (E, d, d).
+    of `anchors` (A,) in `guess` (N, 3 or 4, 4) are kept.
     """
+    planar, tails, heads = system.planar, system.tails, system.heads
     full = planar_to_matrix(guess) if planar else guess
-    motion = planar_to_matrix(measured) if planar else measured
+    motion = planar_to_matrix(system.measured) if planar else system.measured
     size = 2 if planar else 3
     turn, shift = (slice(2, 3), slice(0, 2)) if planar else (slice(0, 3), slice(3, 6))
-    diagonal = information.diagonal(0, 1, 2)
+    diagonal = system.information.diagonal(0, 1, 2)
     kappa, tau = _mean(diagonal[:, turn]), _mean(diagonal[:, shift])
-    rotations = _relaxed_rotations(
-        full[:, :size, :size], anchors, tails, heads, motion[:, :size, :size], kappa
-    )
+    # The minimum of the sum of `kappa |X_j - M' X_i|^2` over `X = R'`.
+    held, right = full[anchors, :size, :size].swapaxes(1, 2), np.zeros((len(full), size, size))
+    turns = motion[:, :size, :size]
+    relaxed = solve_weighted(tails, heads, turns, kappa, anchors, held, right)
+    rotations = nearest_rotations(relaxed.swapaxes(1, 2))
     step = np.einsum("eij,ej->ei", rotations[tails], motion[:, :size, 3])
     poses = np.zeros((len(guess), 4, 4))
     poses[:, :size, :size], poses[:, size:, size:] = rotations, np.eye(4 - size)
@@ -147,15 +112,6 @@ def chordal_start(
 def _mean(numbers: Array) -> Array:
     """(E,) means of numbers (E, K); numpy's own takes a small graph several times as long."""
     return np.asarray(np.add.reduce(numbers, axis=1) / numbers.shape[1])
-
-
-def _relaxed_rotations(
-    guess: Array, anchors: Index, tails: Index, heads: Index, measured: Array, kappa: Array
-) -> Array:
-    """Rotations (N, d, d) minimising the sum of `kappa |X_j - M' X_i|^2` over `X = R'`."""
-    held, right = guess[anchors].swapaxes(1, 2), np.zeros(guess.shape)
-    solution = solve_weighted(tails, heads, measured, kappa, anchors, held, right)
-    return nearest_rotations(solution.swapaxes(1, 2))
 
 
 def nearest_rotations(matrices: Array) -> Array:

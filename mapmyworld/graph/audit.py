@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mapmyworld.backend.connected_components import components, positions
+from mapmyworld.backend.connected_components import positions
 from mapmyworld.backend.residuals import edge_residuals, squared_sigmas
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import PLANAR_IN_TANGENT, information_to_planar
@@ -103,20 +103,6 @@ def corrections_of(
         if before
     ]
     return tuple(sorted(found, key=lambda item: -item[1]))
-
-
-def connected_components_of(
-    constraints: Sequence[Judged], poses: Poses
-) -> tuple[tuple[int, int, int], ...]:
-    """Connected components as first node, last node and number of nodes."""
-    order = np.argsort(poses.ids, kind="stable")
-    known = poses.ids[order]
-    ends = np.array([(c.from_id, c.to_id) for c in constraints if c.accepted], np.int64)
-    places = positions(known, ends.ravel()).reshape(-1, 2)
-    places = places[(places >= 0).all(axis=1)]
-    part = components(len(known), places[:, 0], places[:, 1])
-    members = [known[part == k] for k in range(int(part.max(initial=-1)) + 1)]
-    return tuple((int(m[0]), int(m[-1]), len(m)) for m in members)
 
 
 def uncertainty_of(poses: Poses) -> dict[str, Any] | None:

@@ -7,7 +7,7 @@ and the uncertainty of a node in it is that of a Brownian bridge between the cha
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -50,7 +50,7 @@ def solve_by_chains(
     guess = np.stack(list(starts.values()))
     solved = solve(list(starts), guess, [*composed, *asked], planar, config)
     poses = shared_out(motions, kept, ids, solved.poses)
-    own = iter(_judged_motions(motions, ids, poses, planar, config) if motions_judged else motions)
+    own = _judged_motions(motions, ids, poses, planar, config) if motions_judged else iter(motions)
     rest = iter(solved.constraints[len(composed) :])
     verdicts = tuple(
         next(own) if motion else next(rest) if c.accepted else c
@@ -74,25 +74,13 @@ def landmark_guesses(
 
 def _judged_motions(
     motions: Sequence[Judged], ids: Index, poses: Poses, planar: bool, config: GraphConfig
-) -> tuple[Judged, ...]:
+) -> Iterator[Judged]:
     """The motions, which nobody questions, with what they miss the poses by."""
-    return tuple(
-        one
-        for some in batches(motions, _BLOCK)
-        for one in _judged_together(some, ids, poses, planar, config)
-    )
-
-
-def _judged_together(
-    motions: Sequence[Judged], ids: Index, poses: Poses, planar: bool, config: GraphConfig
-) -> tuple[Judged, ...]:
-    stated = stated_system(ids, poses.map_from_node[: len(ids)], motions, planar)
-    system, count = stated.system, len(motions)
-    trusted = np.ones(count, np.bool_)
-    solution = RobustSolution.untouched(system, stated.start, trusted)
-    limit = float(chi_squared_quantile(config.inlier_probability, system.dimension))
-    found = replace(solution, limit=limit)
-    return judged(motions, [""] * count, np.arange(count), found, system)
+    for some in batches(motions, _BLOCK):
+        stated = stated_system(ids, poses.map_from_node[: len(ids)], some, planar)
+        limit = float(chi_squared_quantile(config.inlier_probability, stated.system.dimension))
+        found = replace(RobustSolution.untouched(stated.system, stated.start), limit=limit)
+        yield from judged(some, [""] * len(some), np.arange(len(some)), found, stated.system)
 
 
 def solve_draft(

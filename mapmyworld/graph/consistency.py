@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mapmyworld.backend.connected_components import components
+from mapmyworld.backend.factors import turned
 from mapmyworld.backend.starts import along_tree, spanning_tree
+from mapmyworld.backend.system import System
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import compose_planar, invert_planar, planar_adjoint, planar_log
 from mapmyworld.geometry.rigid import invert, se3_adjoint, se3_log, transported
@@ -55,45 +57,24 @@ class Consistency:
     """(K,) in the largest found set of mutually agreeing closures of its group, of two at least."""
 
 
-def compare_closures(
-    planar: bool,
-    odometry: Odometry,
-    tails: Index,
-    heads: Index,
-    measured: Array,
-    information: Array,
-    limit: float,
-) -> Consistency:
-    """The agreement of K closures with those that join the same sections of the path.
+def compare_closures(closures: System, odometry: Odometry, limit: float) -> Consistency:
+    """The agreement of K closures, edges, with those that join the same sections of the path.
 
-    Closures lead from nodes `tails` (K,) to `heads` (K,), with `measured` (K, 3 or 4, 4) as
-    tail_from_head and its `information` (K, d, d); they agree up to `limit` squared sigmas.
+    They agree up to `limit` squared sigmas.
     """
-    count = len(tails)
-    tails, heads, measured, spread = _forward(planar, tails, heads, measured, information)
-    pairs = _near_pairs(odometry.chain, tails, heads)
-    chi2, volume = _loop_chi2(planar, odometry, tails, heads, measured, spread, pairs)
-    evidence = np.log(alternatives(planar, measured)) - 0.5 * chi2 - np.log(volume)
+    count = len(closures.tails)
+    closures = turned(closures, closures.tails > closures.heads)
+    pairs = _near_pairs(odometry.chain, closures.tails, closures.heads)
+    chi2, volume = _loop_chi2(closures, odometry, pairs)
+    evidence = (
+        np.log(alternatives(closures.planar, closures.measured)) - 0.5 * chi2 - np.log(volume)
+    )
     agree = (chi2 <= limit) & (evidence >= _EVIDENCE)
     differ = chi2 > limit
     supporters = np.bincount(pairs[agree].ravel(), minlength=count)
     partners = np.bincount(pairs.ravel(), minlength=count)
     clique = largest_agreeing_sets(count, pairs, differ, supporters)
     return Consistency(pairs, chi2, supporters, partners, clique)
-
-
-def _forward(
-    planar: bool, tails: Index, heads: Index, measured: Array, information: Array
-) -> tuple[Index, Index, Array, Array]:
-    """The same closures from the earlier to the later node, with covariances."""
-    spread = np.linalg.inv(information)
-    back = tails > heads
-    measured = measured.copy()
-    adjoint = planar_adjoint(measured[back]) if planar else se3_adjoint(measured[back])
-    spread[back] = transported(adjoint, spread[back])
-    measured[back] = invert_planar(measured[back]) if planar else invert(measured[back])
-    low, high = np.minimum(tails, heads), np.maximum(tails, heads)
-    return low, high, measured, np.asarray(spread, np.float64)
 
 
 def _near_pairs(chain: Index, tails: Index, heads: Index) -> Index:
@@ -111,19 +92,13 @@ def _near_pairs(chain: Index, tails: Index, heads: Index) -> Index:
     return np.unique(np.sort(pairs[same.all(axis=1)], axis=1), axis=0).reshape(-1, 2)
 
 
-def _loop_chi2(
-    planar: bool,
-    odometry: Odometry,
-    tails: Index,
-    heads: Index,
-    measured: Array,
-    spread: Array,
-    pairs: Index,
-) -> tuple[Array, Array]:
+def _loop_chi2(closures: System, odometry: Odometry, pairs: Index) -> tuple[Array, Array]:
     """(P,) squared sigmas by which `measured_k^-1 * odometry * measured_m * odometry` misses the
     identity, and the volume (P,) of its uncertainty.
     """
-    k, m = pairs[:, 0], pairs[:, 1]
+    planar, tails, heads = closures.planar, closures.tails, closures.heads
+    measured, (k, m) = closures.measured, pairs.T
+    spread = np.linalg.inv(closures.information)
     adjoint = planar_adjoint if planar else se3_adjoint
     compose = compose_planar if planar else np.matmul
     inverse = invert_planar if planar else invert
@@ -203,15 +178,13 @@ def largest_agreeing_sets(
     return chosen
 
 
-def reckon(
-    planar: bool, guess: Array, tails: Index, heads: Index, measured: Array, information: Array
-) -> Odometry:
+def reckon(trusted: System, guess: Array) -> Odometry:
     """Poses and covariances of all N nodes by the trusted edges between them alone.
 
-    These lead from `tails` (E,) to `heads` (E,), with `measured` (E, 3 or 4, 4) as tail_from_head
-    and its `information` (E, d, d); roots keep their `guess` (N, 3 or 4, 4).
+    Roots keep their `guess` (N, 3 or 4, 4).
     """
-    tree = spanning_tree(planar, len(guess), tails, heads, measured)
+    planar, heads = trusted.planar, trusted.heads
+    tree = spanning_tree(trusted, len(guess))
     poses = along_tree(planar, guess, tree.parents, tree.motions)
     adjoint = planar_adjoint(poses) if planar else se3_adjoint(poses)
     size = 3 if planar else 6
@@ -219,9 +192,9 @@ def reckon(
     moved = tree.edges >= 0
     # An edge's covariance lives in the frame of the node that it points to.
     end = adjoint[heads[tree.edges[moved]]]
-    step[moved] = transported(end, np.linalg.inv(information[tree.edges[moved]]))
+    step[moved] = transported(end, np.linalg.inv(trusted.information[tree.edges[moved]]))
     parents = tree.parents
     while not np.array_equal(parents, parents[parents]):
         step = step + step[parents]
         parents = parents[parents]
-    return Odometry(poses, step, components(len(guess), tails, heads))
+    return Odometry(poses, step, components(len(guess), trusted.tails, heads))

@@ -13,7 +13,7 @@ import numpy as np
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.information import NotPositiveDefiniteError
 from mapmyworld.backend.landmarks import first_places
-from mapmyworld.backend.starts import chain_start, chordal_start
+from mapmyworld.backend.starts import along_tree, chordal_start, spanning_tree
 from mapmyworld.backend.system import System, chosen_edges, number_free
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar
@@ -70,13 +70,11 @@ def first_start(problem: Problem) -> tuple[str, Array]:
     The chordal start leads to the global minimum most often. Where there are landmarks the path
     grows from its beginning, and where an edge weighs nothing, dead reckoning has to do.
     """
-    graph, system, count = problem.graph, problem.system, problem.nodes
+    graph, system = problem.graph, problem.system
     if len(graph.landmark_ids):
         return "growing", grown_start(graph, system, dead_reckoning(problem))
-    guess = problem.guess[:count]
-    ends = problem.anchors, system.tails, system.heads
     try:
-        start = chordal_start(graph.planar, guess, *ends, system.measured, system.information)
+        start = chordal_start(system, problem.guess[: problem.nodes], problem.anchors)
     except NotPositiveDefiniteError:  # an edge that weighs nothing holds no node
         return "odometry", dead_reckoning(problem)
     return "chordal", start
@@ -89,7 +87,8 @@ def dead_reckoning(problem: Problem) -> Array:
     trusted = np.zeros(poses, np.bool_)
     trusted[: len(graph.edges)] = graph.edges.odometry[problem.order]
     guess, anchors = problem.guess[: problem.nodes], problem.anchors
-    tails, heads = system.tails[:poses], system.heads[:poses]
-    chain = chain_start(graph.planar, guess, tails, heads, system.measured[:poses], trusted)
+    penalty = np.where(trusted, 0, len(guess))  # short jumps of odometry come first
+    tree = spanning_tree(chosen_edges(system, np.arange(poses)), len(guess), penalty)
+    chain = along_tree(graph.planar, guess, tree.parents, tree.motions)
     chain[anchors] = guess[anchors]
     return chain

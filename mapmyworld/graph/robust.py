@@ -46,13 +46,13 @@ class RobustSolution:
     """Of these closures."""
 
     @staticmethod
-    def untouched(system: System, poses: Array, trusted: NDArray[np.bool_]) -> RobustSolution:
+    def untouched(system: System, poses: Array) -> RobustSolution:
         """Nothing to solve: every edge (E,) believed, every node at its `poses` (N, 3 or 4, 4)."""
         nothing = np.zeros(0, np.int64)
         agreement = Consistency(
             nothing.reshape(0, 2), np.zeros(0), nothing, nothing, np.zeros(0, np.bool_)
         )
-        every = np.ones(len(trusted), np.bool_)
+        every = np.ones(len(system.tails), np.bool_)
         return RobustSolution(poses, every, edge_chi2(system, poses), np.inf, nothing, agreement)
 
 
@@ -145,15 +145,13 @@ def _refined(
     question: _Question, poses: Array, inliers: NDArray[np.bool_], rounds: int = _RETRIES
 ) -> _Found:
     """The solution without what it contradicts, and with all else that it predicts."""
-    system, trusted, limit = question.system, question.trusted, question.limit
+    system, limit = question.system, question.limit
     before, converged = np.zeros(0, np.bool_), False
     for _ in range(rounds):
-        poses, inliers = _without_outliers(system, poses, trusted, inliers, limit)
+        poses, inliers = _without_outliers(question, poses, inliers)
         scale = 1.0
         if question.config.groups:
-            poses, inliers, scale = _without_strangers(
-                system, poses, inliers, question.closures, question.groups, question.config
-            )
+            poses, inliers, scale = _without_strangers(question, poses, inliers)
         found = inliers | recoverable(system, poses, inliers, limit, scale)
         converged = np.array_equal(found, inliers) or np.array_equal(found, before)
         if not np.array_equal(found, inliers):
@@ -161,17 +159,14 @@ def _refined(
             poses = optimised_roughly(believed_edges(system, inliers), poses)
         if converged:
             break
-    return _Found(*_without_outliers(system, poses, trusted, inliers, limit), converged)
+    return _Found(*_without_outliers(question, poses, inliers), converged)
 
 
 def _without_outliers(
-    system: System,
-    poses: Array,
-    trusted: NDArray[np.bool_],
-    inliers: NDArray[np.bool_],
-    limit: float,
+    question: _Question, poses: Array, inliers: NDArray[np.bool_]
 ) -> tuple[Array, NDArray[np.bool_]]:
     """The solution after graduated non-convexity, where believed edges contradict each other."""
+    system, trusted, limit = question.system, question.trusted, question.limit
     while True:
         chi2 = np.where(inliers & ~trusted, edge_chi2(system, poses), 0.0)
         if not (chi2 > limit).any():
@@ -184,20 +179,14 @@ def _without_outliers(
 
 
 def _without_strangers(
-    system: System,
-    poses: Array,
-    inliers: NDArray[np.bool_],
-    closures: Index,
-    groups: Index,
-    config: GraphConfig,
+    question: _Question, poses: Array, inliers: NDArray[np.bool_]
 ) -> tuple[Array, NDArray[np.bool_], float]:
     """The solution without groups of closures that all others contradict, the worst ones first."""
-    inliers, left_out, scale = inliers.copy(), 0, 1.0
+    system, inliers, left_out, scale = question.system, inliers.copy(), 0, 1.0
+    asked = question.closures, question.groups, question.config.inlier_probability
     for _ in range(_GROUP_ROUNDS):
         try:
-            found = judge_groups(
-                system, poses, inliers, closures, groups, config.inlier_probability
-            )
+            found = judge_groups(system, poses, inliers, *asked)
         except NotPositiveDefiniteError:  # a landmark that is seen once has no covariance
             break
         scale = found.scale
@@ -217,24 +206,9 @@ def _compare(
 ) -> Consistency:
     if system.kinds is not None:
         trusted = trusted & (system.kinds == 0)
-    odometry = reckon(
-        system.planar,
-        guess,
-        system.tails[trusted],
-        system.heads[trusted],
-        system.measured[trusted],
-        system.information[trusted],
-    )
+    odometry = reckon(chosen_edges(system, trusted), guess)
     limit = float(chi_squared_quantile(config.consistency_probability, system.dimension))
-    return compare_closures(
-        system.planar,
-        odometry,
-        system.tails[closures],
-        system.heads[closures],
-        system.measured[closures],
-        system.information[closures],
-        limit,
-    )
+    return compare_closures(chosen_edges(system, closures), odometry, limit)
 
 
 def _fresh_start(
@@ -243,14 +217,6 @@ def _fresh_start(
     part = chosen_edges(system, believed)
     stay = held_nodes(len(guess), part.tails, part.heads, anchors)
     try:
-        return chordal_start(
-            system.planar,
-            guess,
-            np.flatnonzero(stay),
-            part.tails,
-            part.heads,
-            part.measured,
-            part.information,
-        )
+        return chordal_start(part, guess, np.flatnonzero(stay))
     except NotPositiveDefiniteError:  # nodes that no believed edge holds stay where they are
         return guess

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.backend.certificate import certify, proof_of
 from mapmyworld.backend.connected_components import components
 from mapmyworld.backend.descent import optimised_roughly
-from mapmyworld.backend.system import System, believed_edges, edge_chi2, fit_of
+from mapmyworld.backend.system import believed_edges, edge_chi2, fit_of
 from mapmyworld.config import GraphConfig
 from mapmyworld.decisions import decided
 from mapmyworld.geometry import Array, Index
@@ -71,26 +71,22 @@ def solve(
     linked = solution.inliers & (system.tails < len(known))
     part = components(len(known), system.tails[linked], system.heads[linked])
     cost = 0.5 * float(solution.chi2[solution.inliers].sum())
-    statement = _certainty(solution)
+    agreeing = int(solution.consistency.clique.sum())
+    statement = f"{agreeing} closures agree with a neighbouring closure."
+    believed = believed_edges(system, solution.inliers)
     if config.certify and config.covariances:  # a draft needs neither
-        believed = believed_edges(system, solution.inliers)
         statement += f" {proof_of(certify(believed, fit_of(believed, solution.poses)))}"
-    spread = _covariances(system, solution, len(known)) if config.covariances else None
+    found = marginal_covariances(believed, solution.poses) if config.covariances else None
+    spread = None if found is None else spatial_covariances(planar, found[: len(known)])
     _log_solution(len(known), solution, cost, statement)
     return SolvedGraph(Poses(known, matrices, spread), verdicts, part, cost, statement)
-
-
-def _covariances(system: System, solution: RobustSolution, count: int) -> Array | None:
-    believed = believed_edges(system, solution.inliers)
-    found = marginal_covariances(believed, solution.poses)
-    return None if found is None else spatial_covariances(system.planar, found[:count])
 
 
 def _solved(stated: StatedSystem, config: GraphConfig) -> RobustSolution:
     system, start = stated.system, stated.start
     trusted = stated.trusted if config.robust else np.ones_like(stated.trusted)
     if len(trusted) == 0 or system.size == 0:
-        return RobustSolution.untouched(system, start, trusted)
+        return RobustSolution.untouched(system, start)
     solution = solve_robustly(system, start, stated.anchors, trusted, config)
     part = believed_edges(system, solution.inliers)
     poses = optimised_roughly(part, solution.poses, config.tolerance)
@@ -101,11 +97,6 @@ def _log_solution(nodes: int, solution: RobustSolution, cost: float, statement: 
     believed = solution.inliers[solution.closures]
     closures = f"{believed.sum()} of {believed.size} closures"
     decided("graph", f"{nodes} nodes solved, {closures} believed, cost {cost:.6g}; {statement}")
-
-
-def _certainty(solution: RobustSolution) -> str:
-    agreeing = int(solution.consistency.clique.sum())
-    return f"{agreeing} closures agree with a neighbouring closure."
 
 
 def component_losses(count: int) -> list[str]:

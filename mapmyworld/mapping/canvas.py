@@ -76,16 +76,6 @@ def _placed(poses: Array, points: Array) -> Array:
     return np.stack([x, s * points[:, 0] + c * points[:, 1] + poses[:, 1]], axis=-1)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Counts:
-    """Of each cell, how many scans ended in it and how many passed."""
-
-    corner: NDArray[np.int64]
-    """(2,) lattice cell of the first one."""
-    cells: NDArray[np.uint16]
-    """(H, W, 2) hits and passes, a part of what was drawn on."""
-
-
 class Canvas:
     """Counts of hits and passes on a lattice through the map's origin; grows as scans come.
 
@@ -133,8 +123,9 @@ class Canvas:
         wider[part] = self._cells
         self._corner, self._cells = self._corner - left, wider
 
-    def seen(self) -> Counts:
-        """The part that was seen, one cell of margin around.
+    def seen(self) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
+        """The part that was seen, one cell of margin around: the lattice cell (2,) of its first
+        one, and hits and passes (H, W, 2), a part of what was drawn on.
 
         Raises `NothingToDrawError` where nothing was.
         """
@@ -146,7 +137,7 @@ class Canvas:
             )
         part = np.s_[rows[0] - 1 : rows[-1] + 2, columns[0] - 1 : columns[-1] + 2]
         corner = self._corner + np.array([columns[0], rows[0]]) - 1
-        return Counts(corner, self._cells[part])
+        return corner, self._cells[part]
 
 
 def _check_size(size: NDArray[np.int64]) -> None:

@@ -28,6 +28,7 @@ _STRIDE = 4  # pixels between neighbouring points of a view, at most
 _AGREEMENT = 0.03  # share of the depth by which two views of a point may differ
 VIEW_ANGLE = 75.0  # deg between a surface's normal and the ray to it, at most
 Posed = tuple[Array, NodeData]
+Grid = NDArray[np.float32]
 _AROUND = 0.05  # m within which measurements of a surface speak for one another
 _USUAL = 0.5  # of the cloud's range: at this depth a view has a point for each voxel
 
@@ -84,9 +85,7 @@ def _view_of_scan(map_from_base: Array, cloud: NDArray[np.float32]) -> _View:
 def _view_of_image(map_from_camera: Array, image: RgbdImage, config: Config) -> _View:
     settings = config.visual
     stride = _stride(image, config)
-    pixels, depth = depth_grid_points(image, stride)
-    camera_points = organised_points(image, pixels, depth)
-    normals, slant = organised_normals(camera_points)
+    pixels, depth, camera_points, normals, slant = organised_surface(image, stride)
     good = (depth > settings.depth_min) & (depth < settings.cloud_range)
     good &= slant > np.cos(np.radians(VIEW_ANGLE))
     points = transform_points(map_from_camera, camera_points[good])
@@ -103,20 +102,17 @@ def _stride(image: RgbdImage, config: Config) -> int:
     return min(_STRIDE, max(1, pixels))
 
 
-def organised_points(
-    image: RgbdImage, pixels: Array, depth: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Points (H, W, 3) in the camera's frame of a lattice of `pixels` (H, W, 2).
-
-    `depth` (H, W) is in metres.
+def organised_surface(image: RgbdImage, stride: int) -> tuple[Array, Grid, Grid, Grid, Grid]:
+    """Pixels (H, W, 2) on a lattice, their depths (H, W), m, and points (H, W, 3) in the camera's
+    frame, with the normals (H, W, 3) and cosines (H, W) of `organised_normals`.
     """
+    pixels, depth = depth_grid_points(image, stride)
     rays = grid_rays(image.camera, pixels)
-    return np.concatenate([rays * depth[..., None], depth[..., None]], axis=-1)
+    points = np.concatenate([rays * depth[..., None], depth[..., None]], axis=-1)
+    return pixels, depth, points, *organised_normals(points)
 
 
-def organised_normals(
-    points: NDArray[np.float32],
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def organised_normals(points: Grid) -> tuple[Grid, Grid]:
     """Unit normals (H, W, 3) towards the camera, and the cosine (H, W) of the angle to the ray.
 
     By the cross product of central differences of `points` (H, W, 3) in the camera's frame. At the

@@ -11,8 +11,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, transform_points
-from mapmyworld.mapping.cloud_map import organised_normals, organised_points
-from mapmyworld.registration.camera_model import depth_grid_points
+from mapmyworld.mapping.cloud_map import organised_surface
 from mapmyworld.types import RgbdImage, Scan
 
 _FLOOR_TOLERANCE = 0.05  # m above or below the floor that still counts as floor
@@ -75,9 +74,7 @@ def scan_from_depth(image: RgbdImage, config: Config) -> Scan:
 def _seen(image: RgbdImage, origin: Array, config: Config) -> _Seen:
     """Points (N,) of an image, about the `origin` (3,) of its camera in the base's plane."""
     settings = config.visual
-    pixels, depth = depth_grid_points(image, _STRIDE)
-    local = organised_points(image, pixels, depth)
-    normals, _ = organised_normals(local)
+    _, depth, local, normals, _ = organised_surface(image, _STRIDE)
     base_from_camera = image.camera.base_from_camera
     known = (depth > settings.depth_min) & (depth < 2.0 * settings.grid_range)
     points = transform_points(base_from_camera, local[known])

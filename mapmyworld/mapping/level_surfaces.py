@@ -15,8 +15,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.geometry.rotations import so3_exp
-from mapmyworld.mapping.cloud_map import VIEW_ANGLE, organised_normals, organised_points
-from mapmyworld.registration.camera_model import depth_grid_points
+from mapmyworld.mapping.cloud_map import VIEW_ANGLE, organised_surface
 from mapmyworld.types import RgbdImage
 from mapmyworld.types.rows import Rows
 
@@ -57,9 +56,7 @@ class Level:
 
 def surfaces_of(image: RgbdImage, map_from_base: Array, config: Config) -> Surfaces:
     """The surfaces near an image's camera, in the frame of `map_from_base` (4, 4)."""
-    pixels, depth = depth_grid_points(image, _STRIDE)
-    local = organised_points(image, pixels, depth)
-    normals, slant = organised_normals(local)
+    _, depth, local, normals, slant = organised_surface(image, _STRIDE)
     good = (depth > config.visual.depth_min) & (depth < _NEAR)
     good &= slant > np.cos(np.radians(VIEW_ANGLE))
     map_from_camera = map_from_base @ image.camera.base_from_camera

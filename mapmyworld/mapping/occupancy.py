@@ -34,9 +34,9 @@ def build_grid(
     placed = partial(beams_of, settings=settings)
     for beams in in_threads(placed, batches(scans, _TOGETHER), threads=1):
         canvas.add(beams)
-    counts = canvas.seen()
-    log_odds = log_odds_in_place(counts.cells, settings)
-    origin = np.round(counts.corner * settings.resolution, 9)
+    corner, cells = canvas.seen()
+    log_odds = log_odds_in_place(cells, settings)
+    origin = np.round(corner * settings.resolution, 9)
     return OccupancyGrid(log_odds, settings.resolution, origin)
 
 

@@ -9,23 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.alignment.laser_refinement import carry_along
 from mapmyworld.config import Config, ParticlesConfig, RegistrationConfig
 from mapmyworld.errors import LogError
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import (
-    between_planar,
-    compose_planar,
-    interpolate_planar,
-    matrix_to_planar,
-    wrap_angle,
-)
+from mapmyworld.geometry.planar import between_planar, matrix_to_planar
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.parallel import batches
 from mapmyworld.particles.filter import Generation, ParticleFilter
 from mapmyworld.particles.history import paths_of, summary_of
 from mapmyworld.particles.kernels.surface_tiles import Beams
 from mapmyworld.particles.motions import Motion, motions_between, tracked_between
-from mapmyworld.particles.smoothing import Moves, smooth_path
+from mapmyworld.particles.smoothing import smooth_path
 from mapmyworld.registration.scan_matching import prepare_scan
 from mapmyworld.types import Frame, Progress, Scan
 
@@ -111,11 +106,14 @@ def run_fastslam(
     motions = record.motions(tracker.wheels, config)
     path, generations = _filtered(motions, record.beams, config, progress)
     updates = _smoothed_path(path, motions, record, config, progress)
+    tracked, at = np.array(record.tracked), np.array(record.updates)
+    before = np.searchsorted(at, np.arange(len(tracked)), "right") - 1
+    # Tracked motion since the last update, bent so that it meets the next one.
     return FastSlamResult(
         stamps_ns=np.array(record.stamps, np.int64),
-        path=_path_of_frames(updates, record),
-        covariances=_covariances_of_frames(generations, record),
-        summary=summary_of(generations, updates, np.array(record.updates)),
+        path=carry_along(tracked, at, updates, np.arange(len(tracked), dtype=np.float64)),
+        covariances=np.array([g.covariance for g in generations])[before],
+        summary=summary_of(generations, updates, at),
         paths=paths_of(generations, updates),
         times_lost=record.times_lost,
         notes=tracker.notes(),
@@ -171,30 +169,7 @@ def _smoothed_path(
         if motion.is_contradicted and motion.nearest(step) == 0:
             u[k], covariance[k] = motion.u[0], motion.covariance[0]
     stamps = np.array(record.stamps, np.int64)[record.updates]
-    return smooth_path(path, Moves(u, covariance), stamps, record.scans, config, progress)
-
-
-def _path_of_frames(updates: NDArray[np.float64], record: _Record) -> NDArray[np.float64]:
-    """Poses (F, 3): tracked motion since the last update, bent so that it meets the next one."""
-    tracked, at = np.array(record.tracked), np.array(record.updates)
-    frame = np.arange(len(tracked))
-    before = np.searchsorted(at, frame, "right") - 1
-    after = np.minimum(before + 1, len(at) - 1)
-    forwards = compose_planar(updates[before], between_planar(tracked[at[before]], tracked))
-    backwards = compose_planar(updates[after], between_planar(tracked[at[after]], tracked))
-    share = (frame - at[before]) / np.maximum(at[after] - at[before], 1)
-    path = interpolate_planar(forwards, backwards, np.where(after > before, share, 0.0))
-    path[:, 2] = wrap_angle(path[:, 2])
-    return path
-
-
-def _covariances_of_frames(
-    generations: Sequence[Generation], record: _Record
-) -> NDArray[np.float64]:
-    """Covariances (F, 3, 3): each frame has that of the last update."""
-    at_updates = np.array([generation.covariance for generation in generations])
-    before = np.searchsorted(record.updates, np.arange(len(record.tracked)), "right") - 1
-    return np.asarray(at_updates[before])
+    return smooth_path(path, u, covariance, stamps, record.scans, config, progress)
 
 
 def beams_from_scan(scan: Scan, settings: ParticlesConfig) -> Beams:

@@ -10,7 +10,7 @@ recognised as in the graph, and two visits are compared where that shows how the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,26 +35,10 @@ from mapmyworld.types import ConstraintKind, Judged, Node, Particles, Poses, Pro
 from mapmyworld.types.frames import nodes_as_frames
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Moves:
-    """The motions from each of K scans to the next."""
-
-    u: Array
-    """(K - 1, 3) in the frame of their start."""
-    covariance: Array
-    """(K - 1, 3, 3) in the body frame."""
-
-    def chained(self) -> Array:
-        """(K, 3) poses that follow from them, the first of which is the origin."""
-        poses = [np.zeros(3)]
-        for u in self.u:
-            poses.append(compose_planar(poses[-1], u))
-        return np.array(poses)
-
-
 def smooth_path(
     path: Array,
-    moves: Moves,
+    moves: Array,
+    covariances: Array,
     stamps_ns: NDArray[np.int64],
     scans: Sequence[Scan],
     config: Config,
@@ -62,12 +46,14 @@ def smooth_path(
 ) -> Array:
     """The `path` of scans smoothed, (K, 3) both: their loops closed, all of them aligned.
 
-    `stamps_ns` (K,) are the scans'. Places are looked for from where the path has them, as far as
-    the moves may have drifted.
+    `stamps_ns` (K,) are the scans'; `moves` (K - 1, 3) lead from each to the next, in the frame of
+    their start, with `covariances` (K - 1, 3, 3) in the body frame. Places are looked for from
+    where the path has them, as far as the moves may have drifted.
     """
-    nodes = _nodes(moves.chained(), stamps_ns)
-    loaded = _loaded(nodes, moves, scans, config)
-    motions = _motions(nodes, moves)
+    chained = np.array(list(accumulate(moves, compose_planar, initial=np.zeros(3))))
+    nodes = _nodes(chained, stamps_ns)
+    loaded = _loaded(nodes, covariances, scans, config)
+    motions = _motions(nodes, moves, covariances)
 
     def solve(constraints: Sequence[Judged], until: int | None) -> SolvedGraph:
         return solve_draft(nodes, constraints, True, config.graph, until)
@@ -87,20 +73,22 @@ def _nodes(tracked: Array, stamps_ns: NDArray[np.int64]) -> list[Node]:
     return [Node(k + 1, 0, stamps[k], pose, pose) for k, pose in enumerate(poses)]
 
 
-def _motions(nodes: Sequence[Node], moves: Moves) -> list[Judged]:
+def _motions(nodes: Sequence[Node], moves: Array, covariances: Array) -> list[Judged]:
     """The moves as constraints between neighbouring nodes."""
-    information = information_from_planar(np.linalg.inv(moves.covariance))
-    matrices = planar_to_matrix(moves.u)
+    information = information_from_planar(np.linalg.inv(covariances))
+    matrices = planar_to_matrix(moves)
     return [
         Judged(node.id, node.id + 1, ConstraintKind.NEIGHBOUR, u, known, Particles())
         for node, u, known in zip(nodes[:-1], matrices, information, strict=True)
     ]
 
 
-def _loaded(nodes: list[Node], moves: Moves, scans: Sequence[Scan], config: Config) -> NodeScans:
+def _loaded(
+    nodes: list[Node], covariances: Array, scans: Sequence[Scan], config: Config
+) -> NodeScans:
     """The nodes with their scans made ready."""
     prepared = prepare_scans(scans, config.registration)
-    x, y, yaw = moves.covariance.diagonal(0, 1, 2).T
+    x, y, yaw = covariances.diagonal(0, 1, 2).T
     variances = np.append(np.zeros((1, 2)), np.stack([x + y, yaw], axis=1), axis=0)
     sees = np.diff(prepared.bounds) >= FEWEST
     return NodeScans(nodes, prepared, variances, sees, np.zeros((len(nodes), 2)))

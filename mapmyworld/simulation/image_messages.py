@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +68,7 @@ def colour_message(
         quality = [cv2.IMWRITE_JPEG_QUALITY, settings.jpeg_quality]
         encoded = cv2.imencode(".jpg", bgr, quality)[1].tobytes()
     height, width = colour.shape[:2]
-    return ImageMessage(stamp_ns, OPTICAL, "rgb8", width, height, _held(colour), encoded)
+    return ImageMessage(stamp_ns, OPTICAL, "rgb8", width, height, lambda: colour, encoded)
 
 
 def depth_message(
@@ -84,8 +82,4 @@ def depth_message(
         encoded = cv2.imencode(".png", millimetres, effort)[1].tobytes()
     height, width = depth.shape
     metres = millimetres.astype(np.float32) * np.float32(0.001)
-    return ImageMessage(stamp_ns, OPTICAL, "16UC1", width, height, _held(metres), encoded)
-
-
-def _held(pixels: NDArray[np.generic]) -> Callable[[], NDArray[np.generic]]:
-    return lambda: pixels
+    return ImageMessage(stamp_ns, OPTICAL, "16UC1", width, height, lambda: metres, encoded)

@@ -68,11 +68,11 @@ class Truth:
         canvas = Canvas(places[:, :2] / _RESOLUTION, settings.range_max / _RESOLUTION)
         for place in places:
             canvas.add(beams_of([(place, _perfect_sweep(self, place))], settings))
-        seen = canvas.seen()
-        hits, passes = np.moveaxis(seen.cells, 2, 0)
+        corner, seen = canvas.seen()
+        hits, passes = np.moveaxis(seen, 2, 0)
         cells = np.where(passes > 0, np.float32(-_LOG_ODDS), np.float32(np.nan))
         cells[hits > 0] = _LOG_ODDS
-        return OccupancyGrid(cells, _RESOLUTION, np.round(seen.corner * _RESOLUTION, 9))
+        return OccupancyGrid(cells, _RESOLUTION, np.round(corner * _RESOLUTION, 9))
 
     @cached_property
     def loop_pairs(self) -> Relations:

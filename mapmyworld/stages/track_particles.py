@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 
 from mapmyworld.config import Config
 from mapmyworld.errors import LogError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import covariance_from_planar, planar_to_matrix
 from mapmyworld.graph.frame_poses import pose_every_frame
-from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
+from mapmyworld.particles.fastslam import run_fastslam
 from mapmyworld.places.laser_nodes import load_node_scans, nodes_at
 from mapmyworld.places.misplaced import misplaced_places
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.stages.first_pass import wheels_of_log
 from mapmyworld.stages.nodes import Motion
 from mapmyworld.stages.track import track
+from mapmyworld.stages.trackers import Followed, Tracker
 from mapmyworld.types import Frame, LogSource, MapStore, Particles, Poses, Progress
 
 _STEP_COVARIANCE = np.diag([1e-8, 1e-8, 1e-6, 1e-6, 1e-6, 1e-8])  # of one step of a smoothed path
@@ -34,7 +37,9 @@ def track_particles(
     frames = read_frames(log, plan, config.sensing, inertial=False)
     wheels = wheels_of_log(log, plan, config, progress)
     result = run_fastslam(frames, config, progress, wheels)
-    track(log, plan, store, config, progress, _PathFollower(result))
+    losses = (*result.losses, *_lost(result.times_lost))
+    tracker = Tracker(partial(_follow_path, result.path), lambda: result.notes, lambda: losses)
+    track(log, plan, store, config, progress, tracker)
     tracked = store.tracked_frames()
     spread = result.covariances[: len(tracked.stamps_ns)][tracked.is_node]
     store.put("particle_spread", spread.reshape(-1, 9).tolist())
@@ -64,24 +69,11 @@ def finish_particles(store: MapStore, config: Config) -> None:
     store.put("solve", {"losses": losses})
 
 
-class _PathFollower:
+def _follow_path(path: Array, frames: Iterable[Frame]) -> Followed:
     """Gives the frames with a scan, one after the other, the poses of a finished path."""
-
-    def __init__(self, result: FastSlamResult) -> None:
-        self._path = planar_to_matrix(result.path)
-        self._notes = result.notes
-        self._losses = (*result.losses, *_lost(result.times_lost))
-
-    def follow(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Motion]]:
-        with_scan = (frame for frame in frames if frame.scan is not None)
-        for frame, pose in zip(with_scan, self._path, strict=True):
-            yield frame, Motion(pose, _STEP_COVARIANCE, Particles())
-
-    def notes(self) -> tuple[str, ...]:
-        return self._notes
-
-    def losses(self) -> tuple[str, ...]:
-        return self._losses
+    with_scan = (frame for frame in frames if frame.scan is not None)
+    for frame, pose in zip(with_scan, planar_to_matrix(path), strict=True):
+        yield frame, Motion(pose, _STEP_COVARIANCE, Particles())
 
 
 def _lost(times: int) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -135,63 +135,37 @@ def _relative(store: MapStore, from_id: int, to_id: int) -> dict[str, Any]:
 def facts_of_map(
     store: MapStore, poses: Poses, rejected_shown: int | None, worst: int
 ) -> dict[str, Any]:
-    """What `inspect graph` shows of a map, but for what it is asked about single nodes."""
-    from mapmyworld.map_figures import (
-        contradictions_of,
-        divides_of,
-        tracked_poses,
-        variance_factors_of,
-    )
+    """What `inspect graph` shows of a map, but for what it is asked about single nodes.
 
-    solved, start = store.get("solve") or {}, tracked_poses(store.nodes())
-    facts = graph_facts(
-        poses, store.constraints(), start, moves_in_plane(store), rejected_shown, worst,
-        divides_of(store), variance_factors_of(store),
-    )  # fmt: skip
-    return facts | {
-        "certainty": solved.get("certainty", ""),
-        "problems": contradictions_of(solved),
-    }
-
-
-def graph_facts(
-    poses: Poses,
-    constraints: tuple[Judged, ...],
-    start: Poses,
-    planar: bool,
-    rejected_shown: int | None,
-    worst: int,
-    divides: Collection[int] = (),
-    factors: Mapping[str, float] | None = None,
-) -> dict[str, Any]:
-    """The figures of a solved graph; `divides` as in `mapmyworld.map_figures`.
-
-    Normalised residuals are those of covariances scaled by these `factors`, all others those that
-    were stated, as verdicts have them.
+    Normalised residuals are those of covariances scaled by the variance factors, all others those
+    that were stated, as verdicts have them.
     """
+    from mapmyworld import map_figures as figures
     from mapmyworld.graph import audit
     from mapmyworld.graph.variance import normalised_residuals
-    from mapmyworld.map_figures import calibrated, components_of
 
+    constraints, planar, solved = store.constraints(), moves_in_plane(store), store.get("solve")
     residuals = audit.residuals_against(constraints, poses, planar)
     known = [m for m in residuals if m is not None]
     accepted = sorted((m for m in known if m.constraint.accepted), key=lambda m: -m.sigmas)
     rejected = [(c, m) for c, m in zip(constraints, residuals, strict=True) if not c.accepted]
-    scaled = factors or {}
-    residual = normalised_residuals(calibrated(constraints, scaled), poses, planar)
-    corrections = audit.corrections_of(residuals, start)
+    factors = figures.variance_factors_of(store)
+    residual = normalised_residuals(figures.calibrated(constraints, factors), poses, planar)
+    corrections = audit.corrections_of(residuals, figures.tracked_poses(store.nodes()))
+    parts = figures.components_of(constraints, poses, figures.divides_of(store))
     return {
         "nodes": int((poses.ids > 0).sum()),
         "landmarks": int((poses.ids < 0).sum()),
         "constraints": audit.counts_of(constraints),
         "components": [
-            {"first": first, "last": last, "nodes": count}
-            for first, last, count in components_of(constraints, poses, divides)
+            {"first": first, "last": last, "nodes": count} for first, last, count in parts
         ],
-        "variance_factors": scaled,
+        "variance_factors": factors,
         "overconfidence": residual,
         "overconfident": [
-            kind for kind, r in residual.items() if audit.is_overconfident(r, scaled.get(kind, 1.0))
+            kind
+            for kind, r in residual.items()
+            if audit.is_overconfident(r, factors.get(kind, 1.0))
         ],
         "uncertainty": audit.uncertainty_of(poses),
         "worst": [_shown(m.constraint, m) for m in accepted[:worst]],
@@ -201,6 +175,8 @@ def graph_facts(
         ],
         "rejected": [_shown(c, m) for c, m in rejected[:rejected_shown]],
         "rejected_reasons": dict(Counter(c.verdicts[-1].why for c, _ in rejected).most_common()),
+        "certainty": (solved or {}).get("certainty", ""),
+        "problems": figures.contradictions_of(solved or {}),
     }
 
 

@@ -15,15 +15,15 @@ import pytest
 from click.testing import CliRunner
 from sample_verdicts import REJECTED
 
-from cli.inspect_graph import _row, _uncertainty_line, graph_facts
+from cli.inspect_graph import _row, _uncertainty_line, facts_of_map
 from cli.main import group
 from cli.optimise import optimise
-from formats.database import open_store
+from formats.database import MemoryMap, open_store
 from formats.graph_reading import read_graph
 from formats.report.map_pictures import write_graph_picture
 from mapmyworld.errors import MapError
-from mapmyworld.graph.solved_graph import solve
-from mapmyworld.types import ConstraintKind, Judged, Poses
+from mapmyworld.graph.solved_graph import SolvedGraph, solve
+from mapmyworld.types import ConstraintKind, Judged, Node, NodeData, Poses
 from tests.test_graph_solve import false_closures, noisy_constraints, square_walk
 
 SQUARE = """\
@@ -42,6 +42,16 @@ def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 def run(path: Path, *options: str):
     return CliRunner().invoke(optimise, [str(path), *options], catch_exceptions=False)
+
+
+def facts_of(solved: SolvedGraph, start: np.ndarray, worst: int = 5, poses: Poses | None = None):
+    """What `inspect graph` shows of the solved graph as a planar map."""
+    store = MemoryMap()
+    store.put("plan", {"planar": True})
+    for number, pose in enumerate(start, 1):
+        store.add_node(Node(number, 0, number, pose, pose), NodeData())
+    store.add_constraints(solved.constraints)
+    return facts_of_map(store, poses or solved.poses, None, worst)
 
 
 def test_a_sound_graph_is_solved_written_and_drawn(tmp_path):
@@ -111,7 +121,7 @@ def test_the_audit_counts_and_explains():
     drifted = truth.copy()
     drifted[:, 0, 3] += np.linspace(0, 2, len(truth))
     solved = solve(ids, drifted, constraints, planar=True)
-    facts = graph_facts(solved.poses, solved.constraints, Poses(ids, drifted), True, None, 5)
+    facts = facts_of(solved, drifted)
     assert facts["constraints"]["loop_closure"]["rejected"] == 10
     assert len(facts["rejected"]) == 10
     assert facts["components"] == [{"first": 1, "last": 120, "nodes": 120}]
@@ -133,7 +143,7 @@ def test_what_certainty_is_relative_to_is_said_and_a_prior_is_named_by_its_node(
         solved = solve(ids, truth, constraints, planar=True)
         first = solved.poses.covariances[0]
         assert (np.trace(first) > 1e-6) == (frame == "the map")
-        facts = graph_facts(solved.poses, solved.constraints, Poses(ids, truth), True, None, 1000)
+        facts = facts_of(solved, truth, 1000)
         assert _uncertainty_line(facts).endswith(f" deg, relative to {frame}")
     (row,) = [row for row in facts["worst"] if row["kind"] == "prior"]
     assert _row(row, "reject").startswith("  prior on node 30  0.0")
@@ -149,7 +159,7 @@ def test_constraints_that_claim_too_much_are_named():
     ids = np.arange(1, len(truth) + 1)
     for constraints, named in ((sound, []), (bold, ["neighbour"])):
         solved = solve(ids, truth, constraints, planar=True)
-        facts = graph_facts(solved.poses, solved.constraints, Poses(ids, truth), True, None, 5)
+        facts = facts_of(solved, truth)
         assert facts["overconfident"] == named
 
 
@@ -163,8 +173,7 @@ def test_poses_that_know_more_than_the_constraints_do_not_make_these_dishonest()
     solved = solve(ids, truth, [*motions, *few], planar=True)
     aligned = replace(solved.poses, map_from_node=truth)
     own, beside = (
-        graph_facts(poses, solved.constraints, aligned, True, None, 5)["overconfidence"]
-        for poses in (solved.poses, aligned)
+        facts_of(solved, truth, poses=poses)["overconfidence"] for poses in (solved.poses, aligned)
     )
     assert beside == pytest.approx(own, rel=0.01)
     assert 0.7 < own["neighbour"] < 1.5

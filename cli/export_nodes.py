@@ -135,12 +135,12 @@ def figure(map_path: Path, what: str, output: Path | None) -> None:
     mapmyworld export figure --what graph -o graph.svg
     mapmyworld export figure office.db --what loops -o loops.pdf
     """
-    from cli.report import report_contents, timing_beside
+    from cli.report import report_contents
     from formats.report.paper_figures import write_figure
 
     path = output_or(map_path, output, lambda: map_path.with_name(f"{map_path.stem}_{what}.png"))
     with open_map(map_path, path) as store:
-        write_figure(path, what, report_contents(store, timing_beside(store)))
+        write_figure(path, what, report_contents(store))
         show_written([path], store)
 
 

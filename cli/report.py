@@ -37,22 +37,15 @@ _TIMING = ".timing.json"  # where `build` notes what its stages took
 _SHOWN = ("name", "wall_s", "cpu_s", "peak_memory_mb", "rounds")  # of a stage
 
 
-def write_report(
-    store: MapStore,
-    path: Path,
-    timing: Mapping[str, Any] | None = None,
-    *,
-    every_match: bool = False,
-) -> None:
-    """The page as a file; with what the build took, where a file beside the map indicates it."""
-    timing = timing or timing_beside(store)
-    contents = report_contents(store, timing, every_match=every_match, folder=path.parent)
+def write_report(store: MapStore, path: Path, *, every_match: bool = False) -> None:
+    """The page as a file."""
+    contents = report_contents(store, every_match=every_match, folder=path.parent)
     write_whole(path, report_html(contents))
 
 
 def note_timing(
     map_path: Path, cost: Mapping[str, Any], stages: Sequence[StageCost], *, continued: bool
-) -> dict[str, Any]:
+) -> None:
     """Keeps what a build took beside its map; stages that were reused keep their old figures."""
     path = map_path.with_suffix(_TIMING)
     fresh = {stage.name: {name: getattr(stage, name) for name in _SHOWN} for stage in stages}
@@ -61,15 +54,10 @@ def note_timing(
     built = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     timing = {"built": built, **cost, "stages": [*kept, *fresh.values()]}
     write_whole(path, json.dumps(timing, indent=1) + "\n")
-    return timing
-
-
-def timing_beside(store: MapStore) -> Mapping[str, Any] | None:
-    """What `build` left beside the map; None where nothing, or nothing that can be read."""
-    return _read_timing(Path(_name(store)).with_suffix(_TIMING))
 
 
 def _read_timing(path: Path) -> dict[str, Any] | None:
+    """What `build` left beside the map; None where nothing, or nothing that can be read."""
     try:
         found = json.loads(path.read_text("utf-8"))
         stages = {
@@ -81,11 +69,7 @@ def _read_timing(path: Path) -> dict[str, Any] | None:
 
 
 def report_contents(
-    store: MapStore,
-    timing: Mapping[str, Any] | None = None,
-    *,
-    every_match: bool = False,
-    folder: Path | None = None,
+    store: MapStore, *, every_match: bool = False, folder: Path | None = None
 ) -> ReportContents:
     """Everything that the page shows; raises `MapError` where the map holds no nodes.
 
@@ -124,7 +108,7 @@ def report_contents(
         overconfidence=normalised_residuals(
             calibrated_constraints(store), solved, is_planar(solved.map_from_node)
         ),
-        timing=timing,
+        timing=_read_timing(Path(_name(store)).with_suffix(_TIMING)),
     )
 
 

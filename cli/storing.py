@@ -79,8 +79,9 @@ def products_beside(
         from cli.report import note_timing, write_report
 
         progress.stage("report")
-        page, stages = map_path.with_suffix(".html"), list(progress.costs.values())
-        write_report(store, page, note_timing(map_path, cost, stages, continued=continued))
+        note_timing(map_path, cost, list(progress.costs.values()), continued=continued)
+        page = map_path.with_suffix(".html")
+        write_report(store, page)
         progress.finish()
         written.append(str(page))
     return written, cost

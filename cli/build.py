@@ -13,7 +13,6 @@ import click
 from cli.arguments import PATH, default_map, format_option, wants_json
 from cli.config import config_options, options_of
 from cli.exit_codes import EXIT_PARTIAL
-from cli.interrupts import memory_limit
 from cli.outputs import forget_products, require_map_place
 from cli.progress import StderrProgress, rate_text
 from cli.repeating import repeat_and_compare
@@ -106,9 +105,19 @@ def build(
         return
     if resume and not map_path.exists():
         raise MapError(f"{map_path}: there is no map to resume; omit --resume to begin one")
-    progress = StderrProgress()
-    with memory_limit(max_memory):
-        summary = _build(log, map_path, config, method, overwrite, not no_export, progress)
+    from formats.database import open_store
+    from formats.database.lock import only_writer
+
+    progress, stored = StderrProgress(max_memory), storage_arguments(config)
+    opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)
+    with only_writer(map_path), no_empty_map(map_path), opening() as store:
+        result = build_into(store, log, config, progress, method)
+        if overwrite and not no_export:
+            forget_products(map_path)
+        given = (store, map_path, config, progress, result.duration_s)
+        reused = bool(result.reused_stages)
+        written, cost = products_beside(*given, export=not no_export, continued=reused)
+    summary = {**asdict(result), "files": [str(map_path), *written], **cost}
     progress.finish()
     if verify_repeat:
         same_options = [*options_of(config), "--method", method]
@@ -133,29 +142,6 @@ def _show_plan(log: LogSource, config: Config) -> None:
     show_result(plan_json(plan), plan_lines(plan))
     if plan.losses or survey.losses or log.info().problems:
         sys.exit(EXIT_PARTIAL)
-
-
-def _build(
-    log: LogSource,
-    map_path: Path,
-    config: Config,
-    method: str,
-    overwrite: bool,
-    export: bool,
-    progress: StderrProgress,
-) -> dict[str, Any]:
-    from formats.database import open_store
-    from formats.database.lock import only_writer
-
-    stored = storage_arguments(config)
-    opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)
-    with only_writer(map_path), no_empty_map(map_path), opening() as store:
-        result = build_into(store, log, config, progress, method)
-        if export and overwrite:
-            forget_products(map_path)
-        given, reused = (store, map_path, config, progress), bool(result.reused_stages)
-        written, cost = products_beside(*given, result.duration_s, export=export, continued=reused)
-    return {**asdict(result), "files": [str(map_path), *written], **cost}
 
 
 def _summary_lines(summary: dict[str, Any]) -> list[str]:

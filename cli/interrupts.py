@@ -11,8 +11,6 @@ from __future__ import annotations
 import os
 import resource
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
@@ -24,7 +22,6 @@ _CLEARS_UP_WITHIN_S = 20.0
 _MOST_CALLS = 3  # so many times Ctrl-C: whatever the program waits for, it ends at once
 _raised = False
 _calls = 0
-_limit_mb: int | None = None
 
 
 class Interrupted(BaseException):
@@ -103,24 +100,13 @@ def peak_memory_mb() -> float:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-@contextmanager
-def memory_limit(megabytes: int | None) -> Iterator[None]:
-    """Ends what is done under it where it next reports how far it is, once the process holds more.
+def heed_memory_limit(megabytes: int | None) -> None:
+    """Raises `MemoryLimitError` where the process holds more; None = no limit.
 
-    So a map keeps what is finished; a kill by the system would not ask. None = no limit.
+    So a map keeps what is finished; a kill by the system would not ask.
     """
-    global _limit_mb
-    _limit_mb = megabytes
-    try:
-        yield
-    finally:
-        _limit_mb = None
-
-
-def heed_memory_limit() -> None:
-    """Raises `MemoryLimitError` where the process holds more than `memory_limit` allows."""
-    if _limit_mb is not None and resident_mb() > _limit_mb:
+    if megabytes is not None and resident_mb() > megabytes:
         raise MemoryLimitError(
-            f"more than {_limit_mb} MB (--max-memory) are needed: raise it and repeat the command "
+            f"more than {megabytes} MB (--max-memory) are needed: raise it and repeat the command "
             "to resume; or set sensing.node_distance higher"
         )

@@ -49,9 +49,13 @@ class StageCost:
 
 
 class StderrProgress:
-    """Says which stage runs, how far it is, and how much faster than the robot drove."""
+    """Says which stage runs, how far it is, and how much faster than the robot drove.
 
-    def __init__(self) -> None:
+    Where the process then holds more than `max_memory` MB, it ends the work.
+    """
+
+    def __init__(self, max_memory: int | None = None) -> None:
+        self._limit_mb = max_memory
         self.quiet = bool(noted("quiet"))
         self._began = time.monotonic(), time.process_time()
         self.notes: list[str] = []
@@ -70,7 +74,7 @@ class StderrProgress:
 
     def stage(self, name: str, total: float | None = None, unit: str = "") -> None:
         heed_wish()
-        heed_memory_limit()
+        heed_memory_limit(self._limit_mb)
         self.end()
         decided("stage", f"{name} of {total:g} {unit}" if total and unit else name)
         self._name, self._total, self._unit = name, total, unit
@@ -83,7 +87,7 @@ class StderrProgress:
 
     def update(self, done: float) -> None:
         heed_wish()
-        heed_memory_limit()
+        heed_memory_limit(self._limit_mb)
         self._done = done
         if self._live is not None:
             self._live.show(self._name, self._total, done, self._state())

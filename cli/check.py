@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from cli.arguments import PATH, FiniteRange, format_option, map_argument, wants_json
-from cli.checking import BETTER, KEYS, Facts, Sources, measure
+from cli.checking import BETTER, KEYS, Facts, measure
 from cli.completion import keys_from
 from cli.exit_codes import EXIT_CHECK_FAILED
 from cli.figure_names import figures_of, problems_of
@@ -81,14 +80,14 @@ def check(
     for path in (junit, comment):
         if path is not None:
             require_apart(path, [given for given in read if given is not None])
-    sources = Sources(map_path, reference, relations, grid)
     if listing:
-        _list_keys(sources)
+        _list_keys(map_path)
         return
     if not texts and baseline is None:
         raise ConfigError("nothing is required: give --require 'KEY OP VALUE' or --baseline OLD")
     with open_store(map_path, read_only=True) as store:
-        facts = Facts(store, sources)
+        given = {"reference": reference, "relations": relations, "grid": grid}
+        facts = Facts(store, map_path, {k: path for k, path in given.items() if path is not None})
         verdicts = _verdicts(facts, texts, baseline, tolerance, allow_partial)
         for path, form in ((junit, junit_xml), (comment, markdown)):
             if path is not None:
@@ -116,7 +115,7 @@ def _verdicts(
     verdicts += [judged(r, values[r.key]) for r in requirements]
     if baseline is not None:
         with open_store(baseline, read_only=True) as store:
-            old = Facts(store, replace(facts.sources, map_path=baseline))
+            old = Facts(store, baseline, facts.files)
             verdicts += no_worse(_comparable(facts), _comparable(old), tolerance)
     return verdicts
 
@@ -125,8 +124,7 @@ def _comparable(facts: Facts) -> dict[str, float]:
     """The figures that have a better and a worse, as far as this map has them."""
     found: dict[str, float] = {}
     for key in BETTER:
-        needs = KEYS[key].needs
-        if needs and getattr(facts.sources, needs) is None:
+        if (needs := KEYS[key].needs) and needs not in facts.files:
             continue
         try:
             found |= measure({key}, facts)
@@ -162,11 +160,11 @@ def _finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def _list_keys(sources: Sources) -> None:
+def _list_keys(map_path: Path) -> None:
     """The short names with what they mean; then every figure of MAP, where there is one."""
     figures: dict[str, float] = {}
-    if sources.map_path.exists():
-        with open_store(sources.map_path, read_only=True) as store:
+    if map_path.exists():
+        with open_store(map_path, read_only=True) as store:
             figures = figures_of(store)
     meanings = {name: key.about for name, key in KEYS.items()}
     lines = [f"{name:22}{about}" for name, about in meanings.items()]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -28,21 +28,14 @@ from mapmyworld.graph.audit import sigmas_of
 from mapmyworld.types import ConstraintKind, MapStore, OccupancyGrid, Trajectory
 
 
-@dataclass(frozen=True, slots=True)
-class Sources:
-    """Files that requirements are measured on."""
-
-    map_path: Path
-    reference: Path | None
-    relations: Path | None
-    grid: Path | None
-
-
+@dataclass(frozen=True)
 class Facts:
     """Figures of one map, each worked out when first asked for."""
 
-    def __init__(self, store: MapStore, sources: Sources) -> None:
-        self.store, self.sources = store, sources
+    store: MapStore
+    map_path: Path
+    files: Mapping[str, Path]
+    """By the options that give them: reference, relations, grid."""
 
     @cached_property
     def figures(self) -> dict[str, float]:
@@ -57,8 +50,7 @@ class Facts:
     @cached_property
     def reference(self) -> Trajectory:
         """Where it was in truth."""
-        assert self.sources.reference is not None
-        return read_any_trajectory(self.sources.reference)
+        return read_any_trajectory(self.files["reference"])
 
     @cached_property
     def absolute(self) -> TrajectoryScore:
@@ -73,14 +65,12 @@ class Facts:
     @cached_property
     def related(self) -> RelationsScore:
         """Errors of the map's relations."""
-        assert self.sources.relations is not None
-        return relations_score(self.trajectory, read_relations(self.sources.relations))
+        return relations_score(self.trajectory, read_relations(self.files["relations"]))
 
     @cached_property
     def loops(self) -> LoopScore:
         """How many closures are right."""
-        assert self.sources.reference is not None
-        pairs = truth_beside(self.sources.reference)
+        pairs = truth_beside(self.files["reference"])
         return score_loops(self.store, self.reference, pairs)
 
     @cached_property
@@ -88,20 +78,19 @@ class Facts:
         """The map's grid; `ConfigError` where it has none."""
         grid = self.store.grid()
         if grid is None:
-            raise ConfigError(f"{self.sources.map_path} has no grid to check: build it with scans")
+            raise ConfigError(f"{self.map_path} has no grid to check: build it with scans")
         return grid
 
     @cached_property
     def agreement(self) -> GridScore:
         """How the grid agrees with the reference's."""
-        assert self.sources.grid is not None
-        return grid_score(self.grid, read_grid(self.sources.grid))
+        return grid_score(self.grid, read_grid(self.files["grid"]))
 
     def largest_sigma(self) -> float:
         """Metres of the least certain node; `ConfigError` where there are no covariances."""
         poses = self.store.poses()
         if poses is None or poses.covariances is None or len(poses.covariances) == 0:
-            raise ConfigError(f"{self.sources.map_path} has no covariances to check")
+            raise ConfigError(f"{self.map_path} has no covariances to check")
         return float(sigmas_of(poses.covariances)[0].max())
 
 
@@ -188,22 +177,14 @@ def measure(wanted: set[str], facts: Facts) -> dict[str, float]:
     Raises `ConfigError` where an option that they need was not given, or the map has none of these.
     """
     needed = sorted({KEYS[key].needs for key in wanted & KEYS.keys()} - {""})
-    absent = [option for option in needed if getattr(facts.sources, option) is None]
-    if absent:
-        options = ", ".join(f"--{option} FILE" for option in absent)
-        raise ConfigError(f"these requirements need {options}")
-    if dotted := sorted(wanted - KEYS.keys()):
-        require_known(dotted, facts.figures)
-    return {key: KEYS[key].find(facts) if key in KEYS else facts.figures[key] for key in wanted}
-
-
-def require_known(wanted: Iterable[str], known: Mapping[str, float]) -> None:
-    """Raises `ConfigError` with every name that no figure has, and the nearest that one has."""
+    if absent := [f"--{option} FILE" for option in needed if option not in facts.files]:
+        raise ConfigError(f"these requirements need {', '.join(absent)}")
     problems = []
-    for name in wanted:
-        if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
+    for name in sorted(wanted - KEYS.keys()):
+        if name not in facts.figures:
+            near = difflib.get_close_matches(name, facts.figures, 1)
             hint = f"did you mean {near[0]}?" if near else "`--keys` lists them"
             problems.append(f"this map has no figure {name}: {hint}")
     if problems:
         raise ConfigError("the check cannot be made:", problems=problems)
+    return {key: KEYS[key].find(facts) if key in KEYS else facts.figures[key] for key in wanted}

@@ -15,7 +15,7 @@ import pytest
 from database_samples import fill
 from room_drive import drive
 
-from cli.checking import Facts, Sources, measure
+from cli.checking import Facts, measure
 from cli.inspect_map import map_facts
 from cli.report import report_contents, write_report
 from formats.database import open_store
@@ -139,6 +139,6 @@ def test_figures_of_area_are_one_function(room: Path) -> None:
     with open_store(room, read_only=True) as store:
         shown = dict(report_contents(store).headline)["free area"]
         facts = map_facts(store)["grid"]["free_m2"]
-        measured = measure({"free_area"}, Facts(store, Sources(room, None, None, None)))
+        measured = measure({"free_area"}, Facts(store, room, {}))
     assert facts == measured["free_area"]
     assert shown == f"{facts:.1f} m²"

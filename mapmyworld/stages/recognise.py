@@ -52,8 +52,21 @@ def recognise(
         store.add_constraints(find_markers(store, config, progress))
     loaded, found = scans(), []
     if loaded is not None:
+        from mapmyworld.places.laser_nodes import held_by, joined_sessions, nodes_at
+        from mapmyworld.places.session_closures import Pair, session_closures
+
         found += closures_by_laser(store, config, progress, loaded)
-        found += closures_between_sessions(store, config, progress, loaded, found)
+        # Those that join what a loss of tracking divides, two sessions after the other: each lies
+        # as its closures hold it, and those that are joined are one.
+        stored, apart = store.constraints(), set[Pair]()
+        losses = [c for c in stored if c.is_tracking_loss]
+        while joined_sessions(loaded, found).any():
+            draft = solve_draft_of(store, config, [*stored, *found])
+            nodes = held_by(nodes_at(loaded, draft.poses), found)
+            joining = session_closures(nodes, losses, config, progress, apart)
+            if not joining:
+                break
+            found += joining
     if has_images(store):
         from mapmyworld.places.visual_closures import find_visual_closures
 
@@ -81,32 +94,6 @@ def closures_by_laser(
 
     solve = functools.partial(solve_draft_of, store, config)
     return closures_by_section(loaded, store.constraints(), solve, config, progress)
-
-
-def closures_between_sessions(
-    store: MapStore,
-    config: Config,
-    progress: Progress,
-    loaded: NodeScans,
-    found: Sequence[Judged],
-) -> list[Judged]:
-    """Those that join what a loss of tracking divides, two sessions after the other.
-
-    Each session lies as its closures hold it, and those that are joined are one.
-    """
-    from mapmyworld.places.laser_nodes import held_by, joined_sessions, nodes_at
-    from mapmyworld.places.session_closures import Pair, session_closures
-
-    stored, ties, apart = store.constraints(), list[Judged](), set[Pair]()
-    losses = [c for c in stored if c.is_tracking_loss]
-    while joined_sessions(loaded, [*found, *ties]).any():
-        draft = solve_draft_of(store, config, [*stored, *found, *ties])
-        nodes = held_by(nodes_at(loaded, draft.poses), [*found, *ties])
-        joining = session_closures(nodes, losses, config, progress, apart)
-        if not joining:
-            break
-        ties += joining
-    return ties
 
 
 def _check_wheels(store: MapStore, progress: Progress, *, alone: bool) -> None:

@@ -43,7 +43,9 @@ def merge_files(
     OUTPUT may be a source here.
     """
     with only_writer(output), ResultMaps(output, config) as results:
-        maps = _merged(sources, results, config, progress)
+        with ExitStack() as stack:
+            session_maps = [_opened(path, stack) for path in sources]
+            maps = merge_maps(session_maps, results.open, config, progress)
         results.put_in_place()
     return _summary(maps, results.names, config, progress, export)
 
@@ -63,7 +65,8 @@ def extend_file(
             nodes = store.nodes()
         if done is None:
             results.discard()
-            maps = _merged([known, *sources], results, config, progress, known)
+            session_maps.insert(0, _opened(known, stack))
+            maps = merge_maps(session_maps, results.open, config, progress, first=str(known))
         else:
             names = (str(known), *(session_map.name for session_map in done.added))
             sessions = len({node.session for node in nodes})
@@ -72,20 +75,6 @@ def extend_file(
                 maps += merge_maps(done.apart, results.open, config, progress)
         results.put_in_place()
     return _summary(maps, results.names, config, progress, export)
-
-
-def _merged(
-    sources: Sequence[Path],
-    results: ResultMaps,
-    config: Config,
-    progress: StderrProgress,
-    first: Path | None = None,
-) -> list[MergedMap]:
-    """The maps of the sources; the sessions of the `first` go into the first of them."""
-    with ExitStack() as stack:
-        session_maps = [_opened(path, stack) for path in sources]
-        wanted = None if first is None else str(first)
-        return merge_maps(session_maps, results.open, config, progress, first=wanted)
 
 
 def _opened(path: Path, stack: ExitStack) -> SessionMap:

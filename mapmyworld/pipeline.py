@@ -17,7 +17,6 @@ from mapmyworld.decisions import decided
 from mapmyworld.errors import ConfigError, MapError
 from mapmyworld.map_figures import map_figures
 from mapmyworld.parallel import on_one_thread
-from mapmyworld.sensing import Plan
 from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.stages.first_pass import deskewed
 from mapmyworld.stages.plan_log import note_plan, plan_log
@@ -81,9 +80,7 @@ def build_map(
     else:
         scans = scan_loader(store, config)
         run("track", lambda: track(log, deskewed_plan(), *given))
-        if lag := _confident_lag(
-            log, plan, store, config
-        ):  # reported by tracking: it is done once more
+        if lag := odometry_lag(log, plan, store, config):  # reported: it is tracked once more
             record.again("track", lambda: track(log, plan(), *given, lag_s=lag))
         log.let_go()
         run("recognise", lambda: recognise(*given, scans, words), _digest(words))
@@ -96,18 +93,6 @@ def _solve(store: MapStore, config: Config, progress: Progress, scans: LoadScans
     from mapmyworld.stages.solve_and_judge import solve_and_judge
 
     solve_and_judge(store, config, progress, scans)
-
-
-def _confident_lag(
-    log: LogSource, plan: Callable[[], Plan], store: MapStore, config: Config
-) -> float:
-    """Seconds by which odometry is stamped later than the laser, beyond doubt; else 0."""
-    first = odometry_lag(store, config)
-    if not first:
-        return 0.0
-    from mapmyworld.diagnosis.lasers import refined_lag
-
-    return refined_lag(log, plan(), config, first)
 
 
 def _digest(words: Mapping[int, NDArray[np.uint8]] | None) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
@@ -81,18 +81,22 @@ def track(
     store.put("gravity_direction", writer.force.mean())
 
 
-def odometry_lag(store: MapStore, config: Config) -> float:
-    """By how many seconds a tracked log's odometry is stamped late by its diagnosis; else 0.
+def odometry_lag(
+    log: LogSource, plan: Callable[[], Plan], store: MapStore, config: Config
+) -> float:
+    """By how many seconds a tracked log's odometry is stamped later than the laser, beyond doubt.
 
-    Where nobody set its offset, and it was not tracked by what was measured already.
+    0 where somebody set its offset, or it was tracked by what was measured already.
     """
+    from mapmyworld.diagnosis.lasers import refined_lag
     from mapmyworld.diagnosis.rotation import ODOMETRY_TO_LASER
 
     if config.sensing.odometry_offset or (store.get("track") or {}).get("odometry_lag_s"):
         return 0.0
     for found in store.get("diagnosis") or ():
         if found["name"] == ODOMETRY_TO_LASER and not found["good"]:
-            return float(found["value"]) if abs(found["value"]) < _LARGEST_LAG else 0.0
+            first = float(found["value"])
+            return refined_lag(log, plan(), config, first) if abs(first) < _LARGEST_LAG else 0.0
     return 0.0
 
 

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from cli.arguments import PATH, FiniteRange, format_option
 from cli.standard_streams import end_partial, show_result
 from mapmyworld.errors import MapError
-
-if TYPE_CHECKING:
-    from mapmyworld.evaluation.error_statistics import ErrorStatistics
 
 
 @click.group()
@@ -70,14 +66,7 @@ def trajectory(
     except MapError as error:
         left_out = [f"RPE is left out: {error}: give a smaller --delta"]
     nees = nees_of_map(estimate, truth, max_difference)
-    _show_errors(parts, coverage(poses, truth), nees, delta)
-    end_partial(left_out)
-
-
-def _show_errors(
-    parts: Mapping[str, ErrorStatistics], covered: float, nees: float | None, delta: float,
-) -> None:  # fmt: skip
-    nothing = dict.fromkeys(("rpe", "rpe_rotation_deg"))
+    covered, nothing = coverage(poses, truth), dict.fromkeys(("rpe", "rpe_rotation_deg"))
     errors = nothing | {n: asdict(s) for n, s in parts.items()}
     lines = [
         f"{parts['ate'].count} poses matched, {100 * covered:.0f}% of the time",
@@ -91,6 +80,7 @@ def _show_errors(
             f"{'NEES per unknown':18}{nees:9.2f}  (1 = consistent with the map's covariances)"
         )
     show_result(errors | {"covered": covered, "nees": nees}, lines)
+    end_partial(left_out)
 
 
 @evaluate.command()

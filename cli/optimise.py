@@ -23,7 +23,7 @@ from mapmyworld.errors import GraphError
 from mapmyworld.types import Poses
 
 if TYPE_CHECKING:
-    from mapmyworld.config import Config, GraphConfig
+    from mapmyworld.config import Config
     from mapmyworld.graph.optimisation import OptimisedGraph
     from mapmyworld.types.pose_graph import PoseGraph
 
@@ -73,9 +73,15 @@ def optimise(
     if len(graph) == 0:
         why = problems[0] if problems else "nothing to optimise"
         raise GraphError(f"{path}: the graph has no nodes: {why}")
-    solved = _timed(graph, robust, config.graph, seconds)
+    started = time.perf_counter()
+    from mapmyworld.graph.optimisation import optimise as optimise_graph
+    from mapmyworld.graph.optimisation import optimise_robustly
     from mapmyworld.graph.solved_graph import component_losses
 
+    seconds["import"] = time.perf_counter() - started
+    started = time.perf_counter()
+    solved = (optimise_robustly if robust else optimise_graph)(graph, config.graph)
+    seconds["optimise"] = time.perf_counter() - started
     facts = {"file": str(path), **_facts(graph, solved)}
     losses = [*problems, *component_losses(facts["components"])]
     _write(output, path, graph, solved, losses)
@@ -99,21 +105,6 @@ def _require_place(output: Path, path: Path) -> None:
         require_no_other_log(output, path)
     elif output.suffix != ".g2o":
         raise click.UsageError(f"{output}: give a name that ends in .g2o, or in .db for a map")
-
-
-def _timed(
-    graph: PoseGraph, robust: bool, config: GraphConfig, seconds: dict[str, float]
-) -> OptimisedGraph:
-    """The solved graph; notes how long importing and solving took."""
-    started = time.perf_counter()
-    from mapmyworld.graph.optimisation import optimise as optimise_graph
-    from mapmyworld.graph.optimisation import optimise_robustly
-
-    seconds["import"] = time.perf_counter() - started
-    started = time.perf_counter()
-    solved = optimise_robustly(graph, config) if robust else optimise_graph(graph, config)
-    seconds["optimise"] = time.perf_counter() - started
-    return solved
 
 
 def _facts(graph: PoseGraph, solved: OptimisedGraph) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cli.report import read_timing
 from cli.standard_streams import in_columns
 from formats.database import open_store
 from formats.report.map_pictures import MapPanel, write_compare_picture
@@ -60,11 +61,13 @@ class Candidate:
 
 
 def read_candidate(path: Path) -> Candidate:
-    """A finished map from its file."""
+    """A finished map from its file; and what its stages took, where a file beside it says so."""
+    cost: dict[str, Any] = {}
+    if timing := read_timing(path):
+        cost = {key: sum(stage[key] for stage in timing["stages"]) for key in ("cpu_s", "wall_s")}
+        cost["peak_memory_mb"] = max(stage["peak_memory_mb"] for stage in timing["stages"])
     with open_store(path, read_only=True) as store:
-        return Candidate(
-            path.stem, trajectory_of(store), store.grid(), dict(store.get("summary") or {})
-        )
+        return Candidate(path.stem, trajectory_of(store), store.grid(), cost)
 
 
 def without_closures(store: MapStore, config: Config) -> Candidate:

@@ -78,7 +78,7 @@ def map_facts(store: MapStore) -> dict[str, Any]:
             facts["largest_sigma_m"] = float(sigmas_of(poses.covariances)[0].max())
     if grid is not None:
         facts["grid"] = _grid_facts(grid)
-    for key in ("summary", "plan", "particles", "diagnosis"):
+    for key in ("plan", "particles", "diagnosis"):
         value = store.get(key)
         if value is not None:
             facts[key] = value

@@ -47,22 +47,19 @@ def note_timing(
     map_path: Path, cost: Mapping[str, Any], stages: Sequence[StageCost], *, continued: bool
 ) -> None:
     """Keeps what a build took beside its map; stages that were reused keep their old figures."""
-    path = map_path.with_suffix(_TIMING)
     fresh = {stage.name: {name: getattr(stage, name) for name in _SHOWN} for stage in stages}
-    old = (_read_timing(path) if continued else None) or {"stages": []}
+    old = (read_timing(map_path) if continued else None) or {"stages": []}
     kept = [stage for stage in old["stages"] if stage["name"] not in fresh]
     built = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     timing = {"built": built, **cost, "stages": [*kept, *fresh.values()]}
-    write_whole(path, json.dumps(timing, indent=1) + "\n")
+    write_whole(map_path.with_suffix(_TIMING), json.dumps(timing, indent=1) + "\n")
 
 
-def _read_timing(path: Path) -> dict[str, Any] | None:
+def read_timing(map_path: Path) -> dict[str, Any] | None:
     """What `build` left beside the map; None where nothing, or nothing that can be read."""
     try:
-        found = json.loads(path.read_text("utf-8"))
-        stages = {
-            (s["name"], s["wall_s"], s["cpu_s"], s["peak_memory_mb"]) for s in found["stages"]
-        }
+        found = json.loads(map_path.with_suffix(_TIMING).read_text("utf-8"))
+        stages = {(s["name"], sum(s[name] for name in _SHOWN[1:4])) for s in found["stages"]}
     except (OSError, ValueError, KeyError, TypeError):
         return None
     return found if stages else None
@@ -108,7 +105,7 @@ def report_contents(
         overconfidence=normalised_residuals(
             calibrated_constraints(store), solved, is_planar(solved.map_from_node)
         ),
-        timing=_read_timing(Path(_name(store)).with_suffix(_TIMING)),
+        timing=read_timing(Path(_name(store))),
     )
 
 

@@ -160,7 +160,11 @@ def stored(folder: Path, name: str, bend: float) -> Path:
         store.set_poses(Poses(np.array([1]), trajectory.poses[:1]))
         store.set_frame_poses(trajectory.poses)
         store.set_grid(walled(2))
-        store.put("summary", {"cpu_s": 1.5, "peak_memory_mb": 99.0})
+    stages = [
+        {"name": "track", "wall_s": 1.0, "cpu_s": 1.5, "peak_memory_mb": 80.0},
+        {"name": "grid", "wall_s": 0.5, "cpu_s": 0.25, "peak_memory_mb": 99.0},
+    ]  # whose sum is told: the last part of a build that was resumed took less
+    file.with_suffix(".timing.json").write_text(json.dumps({"cpu_s": 0.3, "stages": stages}))
     return file
 
 
@@ -174,12 +178,13 @@ def test_the_command_prints_json_and_draws(tmp_path: Path) -> None:
     rows = json.loads(done.stdout)["maps"]
     assert [row["name"] for row in rows] == ["one", "two"]
     assert rows[0]["ate_m"] < 1e-6 < rows[1]["ate_m"]
-    assert rows[0]["peak_memory_mb"] == 99.0
+    assert [rows[0][key] for key in ("cpu_s", "wall_s", "peak_memory_mb")] == [1.75, 1.5, 99.0]
     picture = cv2.imread(str(image))
     assert picture is not None
     assert picture.shape[1] > 1000
     text = CliRunner().invoke(compare, list(map(str, maps)), catch_exceptions=False)
     assert [line.split()[0] for line in text.stdout.splitlines()] == ["map", "one", "two"]
+    assert all(heading in text.stdout for heading in ("CPU s", "wall s", "peak MB"))
 
 
 def test_a_missing_map_and_an_unknown_method_are_reported(tmp_path: Path) -> None:

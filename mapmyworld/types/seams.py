@@ -84,7 +84,7 @@ class MapStore(Protocol):
         """
 
     def put(self, key: str, value: Any) -> None:
-        """Keeps a JSON value: plan, summary, diagnosis, versions, ..."""
+        """Keeps a JSON value: plan, diagnosis, versions, ..."""
 
     def add_node(self, node: Node, data: NodeData) -> None:
         """A node and its raw material; nodes come in the order of their ids."""

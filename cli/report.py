@@ -181,7 +181,8 @@ def _shown_constraints(
 
 def _notes(store: MapStore, problems: Sequence[str]) -> list[str]:
     reported = list((store.get("plan") or {}).get("warnings", ()))
-    reported += [line for k in ("track", "solve") for line in (store.get(k) or {}).get("notes", ())]
+    for key in ("track", "wheels", "solve"):
+        reported += (store.get(key) or {}).get("notes", ())
     return [line for line in dict.fromkeys(reported) if line not in problems]
 
 

@@ -142,3 +142,11 @@ def test_figures_of_area_are_one_function(room: Path) -> None:
         measured = measure({"free_area"}, Facts(store, room, {}))
     assert facts == measured["free_area"]
     assert shown == f"{facts:.1f} m²"
+
+
+def test_what_every_stage_noted_is_shown_once(tmp_path: Path) -> None:
+    with open_store(tmp_path / "map.db", create=True) as store:
+        fill(store)
+        for key in ("track", "wheels", "solve"):
+            store.put(key, {"notes": [f"of {key}", "of all"]})
+        assert report_contents(store).notes == ["of track", "of all", "of wheels", "of solve"]

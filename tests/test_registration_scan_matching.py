@@ -23,7 +23,7 @@ from mapmyworld.geometry.planar import (
     planar_adjoint,
     transform_points_planar,
 )
-from mapmyworld.kernels.branch_and_bound import best_shift
+from mapmyworld.kernels.branch_and_bound import RESOLUTION, SQUARE, UNSEEN, best_shift
 from mapmyworld.kernels.planar_algebra import invert3, solve3
 from mapmyworld.kernels.scan_alignment import nearest, pair_systems
 from mapmyworld.kernels.scan_preparation import range_noise
@@ -269,8 +269,8 @@ def test_branch_and_bound_finds_what_trying_every_pose_finds(side: int, x: float
     found = np.zeros(4)
     nowhere = np.array([0.0, 0.0, 0.0, -1.0, -1.0])
     best_shift(
-        grid.pyramid, grid.strips, grid.margin, points, grid.corner, grid.resolution, grid.unseen,
-        guess, blocks, side, reach, angles, 0.0, nowhere, found,
+        grid.pyramid, grid.strips, points, grid.corner, guess, blocks, side, reach, angles, 0.0,
+        nowhere, found,
     )  # fmt: skip
     assert found[0] == pytest.approx(_best_by_trying(grid, points, guess, angles, reach), abs=1e-6)
 
@@ -279,12 +279,12 @@ def _best_by_trying(grid, points, guess, angles, reach) -> float:  # type: ignor
     field, best = grid.pyramid[0] / 255.0, 0.0
     for angle in angles:
         at = transform_points_planar(guess + np.array([0.0, 0.0, angle]), points)
-        cells = np.floor((at - grid.corner) / grid.resolution).astype(int) + grid.margin
+        cells = np.floor((at - grid.corner) / RESOLUTION).astype(int) + SQUARE
         for dx in range(-reach, reach + 1):
             for dy in range(-reach, reach + 1):
                 x, y = (cells + np.array([dx, dy])).T
                 inside = (x >= 0) & (y >= 0) & (x < field.shape[1]) & (y < field.shape[0])
-                outside = np.count_nonzero(~inside) * grid.unseen / 255.0
+                outside = np.count_nonzero(~inside) * UNSEEN / 255.0
                 best = max(best, (field[y[inside], x[inside]].sum() + outside) / len(points))
     return best
 

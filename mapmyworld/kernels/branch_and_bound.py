@@ -17,20 +17,16 @@ from numpy.typing import NDArray
 from mapmyworld.kernels.compiling import inner_jit, jit
 
 FULL = 255  # likelihood of a cell that holds a surface
+UNSEEN = FULL - FULL // 2
+"""Of a cell that no beam passed: it speaks for no pose and against none."""
+RESOLUTION = 0.1
+"""m, of cells."""
+LEVELS = 4
+"""Of the pyramid: the coarsest bounds 0.8 m x 0.8 m of shifts."""
+SQUARE = 1 << (LEVELS - 1)
+"""Cells of these shifts, to each side; as many pad a grid on all sides."""
 SIDE = 16
 """Squares of the pyramid's top level that are bounded together, on each side."""
-
-
-@jit
-def mark_beside(cells: NDArray[np.uint8], beside: int) -> None:
-    """Raises cells (H, W) next to surfaces to the likelihood `beside`."""
-    height, width = cells.shape
-    for row in range(1, height - 1):
-        for column in range(1, width - 1):
-            if cells[row, column] == FULL:
-                for r, c in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-                    if cells[row + r, column + c] < beside:
-                        cells[row + r, column + c] = beside
 
 
 @inner_jit
@@ -39,7 +35,6 @@ def _excess(
     cells: NDArray[np.int32],
     column: int,
     row: int,
-    outside: int,
     most: NDArray[np.uint8],
     slack: int,
     values: NDArray[np.uint8],
@@ -53,7 +48,7 @@ def _excess(
     height, width = np.uint64(level.shape[0]), np.uint64(level.shape[1])
     for i in range(len(cells)):
         x, y = np.uint64(cells[i, 0] + column), np.uint64(cells[i, 1] + row)
-        value = outside
+        value = UNSEEN
         if x < width and y < height:
             value = int(level[y, x])
         values[i] = value
@@ -99,11 +94,8 @@ def _add_bounds(
 def best_shift(
     pyramid: NDArray[np.uint8],
     strips: NDArray[np.int8],
-    margin: int,
     points: NDArray[np.float64],
     corner: NDArray[np.float64],
-    resolution: float,
-    outside: int,
     guess: NDArray[np.float64],
     blocks: NDArray[np.int64],
     side: int,
@@ -119,12 +111,11 @@ def best_shift(
     padding is at `corner` (2,), m. Shifts are those in `blocks` (S, 2), lower left cells from
     `guess` (3,) of `side` x `side` squares as large as those of the top of the pyramid, up to
     `reach` cells to the right and above, at the yaws `guess + angles`, `angles` (A,) in rad. Poses
-    within `avoid` (5,), x, y, yaw, metres, radians, are left out. `margin` cells pad the grid on
-    all sides, beyond which every cell is worth `outside`. `strips` (X, 2, Y, SIDE) bound the top
-    level for a row of squares: each next one is two of their cells on, and so are the rows of Y.
+    within `avoid` (5,), x, y, yaw, metres, radians, are left out. `strips` (X, 2, Y, SIDE) bound
+    the top level for a row of squares: each next one is two of their cells on, and so are the rows
+    of Y.
     """
     top, count = pyramid.shape[0] - 1, len(points)
-    square = 1 << top
     cells = np.empty((count, 2), np.int32)
     best = int(least * FULL * count)
     result[0] = least
@@ -132,20 +123,19 @@ def best_shift(
     values = np.empty((top + 1, 4, count), np.uint8)  # of nodes on the way down, by their place
     full, sums = np.full(count, FULL, np.uint8), np.empty(SIDE * SIDE, np.int32)
     for turn in range(len(angles)):
-        _place(points, guess, angles[turn], corner, resolution, margin, cells)
+        _place(points, guess, angles[turn], corner, cells)
         for block in range(len(blocks)):
             left, low = blocks[block, 0], blocks[block, 1]
-            rows = min(side, (reach - low) // square + 1)
-            columns = min(side, (reach - left) // square + 1)
+            rows = min(side, (reach - low) // SQUARE + 1)
+            columns = min(side, (reach - left) // SQUARE + 1)
             _add_bounds(strips, cells, left, low, top - 1, rows, sums)
             for k in range(rows * SIDE):
-                if k % SIDE >= columns or sums[k] + outside * count <= best:
+                if k % SIDE >= columns or sums[k] + UNSEEN * count <= best:
                     continue
-                column, row = left + k % SIDE * square, low + k // SIDE * square
+                column, row = left + k % SIDE * SQUARE, low + k // SIDE * SQUARE
                 excess = _excess(
-                    pyramid[top], cells, column, row, outside, full, FULL * count - best,
-                    values[top, 0],
-                )  # fmt: skip
+                    pyramid[top], cells, column, row, full, FULL * count - best, values[top, 0]
+                )
                 if excess <= 0:
                     continue
                 if found == len(roots):
@@ -160,12 +150,10 @@ def best_shift(
         if bounds[root] <= best:
             break
         turn = roots[root, 0]
-        _place(points, guess, angles[turn], corner, resolution, margin, cells)
-        _excess(
-            pyramid[top], cells, roots[root, 1], roots[root, 2], outside, full, FULL * count,
-            values[top, 0],
-        )  # fmt: skip
-        stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = top, roots[root, 1], roots[root, 2], 0
+        _place(points, guess, angles[turn], corner, cells)
+        column, row = roots[root, 1], roots[root, 2]
+        _excess(pyramid[top], cells, column, row, full, FULL * count, values[top, 0])
+        stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = top, column, row, 0
         upper[0], depth = bounds[root], 1
         while depth > 0:
             depth -= 1
@@ -173,7 +161,7 @@ def best_shift(
                 continue
             level, column, row = stack[depth, 0], stack[depth, 1], stack[depth, 2]
             if level == 0:
-                x, y = guess[0] + column * resolution, guess[1] + row * resolution
+                x, y = guess[0] + column * RESOLUTION, guess[1] + row * RESOLUTION
                 yaw = guess[2] + angles[turn]
                 apart = abs((yaw - avoid[2] + np.pi) % (2.0 * np.pi) - np.pi)
                 if np.hypot(x - avoid[0], y - avoid[1]) >= avoid[3] or apart >= avoid[4]:
@@ -188,10 +176,8 @@ def best_shift(
                     c, r, own = column + a * half, row + b * half, 2 * a + b
                     if c > reach or r > reach:
                         continue
-                    excess = _excess(
-                        pyramid[level - 1], cells, c, r, outside, most,
-                        above - best, values[level - 1, own],
-                    )  # fmt: skip
+                    finer = values[level - 1, own]
+                    excess = _excess(pyramid[level - 1], cells, c, r, most, above - best, finer)
                     if excess <= 0:
                         continue
                     bound = best + excess
@@ -244,13 +230,11 @@ def _place(
     guess: NDArray[np.float64],
     angle: float,
     corner: NDArray[np.float64],
-    resolution: float,
-    margin: int,
     cells: NDArray[np.int32],
 ) -> None:
     c, s = np.cos(guess[2] + angle), np.sin(guess[2] + angle)
     for i in range(len(points)):
         x = c * points[i, 0] - s * points[i, 1] + guess[0] - corner[0]
         y = s * points[i, 0] + c * points[i, 1] + guess[1] - corner[1]
-        cells[i, 0] = np.int32(np.floor(x / resolution)) + margin
-        cells[i, 1] = np.int32(np.floor(y / resolution)) + margin
+        cells[i, 0] = np.int32(np.floor(x / RESOLUTION)) + SQUARE
+        cells[i, 1] = np.int32(np.floor(y / RESOLUTION)) + SQUARE

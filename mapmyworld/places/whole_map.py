@@ -8,6 +8,7 @@ import numpy as np
 
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import invert_planar, transform_points_planar
+from mapmyworld.kernels.branch_and_bound import RESOLUTION
 from mapmyworld.registration.likelihood_grid import LikelihoodGrid
 from mapmyworld.registration.place_evidence import FORTH, Agreement, Place, chance, needed_evidence
 from mapmyworld.registration.scan_search import (
@@ -118,5 +119,4 @@ class WholeMap:
 
 def map_of_scans(submap: Submap) -> WholeMap:
     """The map that scans make."""
-    grid = evidence_grid(submap)
-    return WholeMap(spread_points(submap.points, grid.resolution), grid)
+    return WholeMap(spread_points(submap.points, RESOLUTION), evidence_grid(submap))

@@ -11,16 +11,15 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, transform_points_planar
-from mapmyworld.kernels.branch_and_bound import FULL, SIDE, best_shift
+from mapmyworld.kernels.branch_and_bound import RESOLUTION, SIDE, SQUARE, UNSEEN, best_shift
 from mapmyworld.kernels.rays import count_scans
-from mapmyworld.registration.likelihood_grid import RESOLUTION, SQUARE, UNSEEN, LikelihoodGrid
+from mapmyworld.registration.likelihood_grid import LikelihoodGrid
 from mapmyworld.registration.scan_matching import ScanSet
 from mapmyworld.types import OccupancyGrid
 
 Window = tuple[
-    NDArray[np.uint8], NDArray[np.int8], int, Array, Array, float, int, Array, NDArray[np.int64],
-    int, int, Array,
-]  # fmt: skip
+    NDArray[np.uint8], NDArray[np.int8], Array, Array, Array, NDArray[np.int64], int, int, Array
+]
 """What `best_shift` is given of grid, points and window."""
 _PART = 4  # squares on each side of a part of a whole map that is looked at, if any of it is known
 _WALL = 5.0 * RESOLUTION  # m around a point that show which way its wall goes
@@ -96,41 +95,38 @@ class Found:
 
 def evidence_grid(submap: Submap) -> LikelihoodGrid:
     """The grid of what scans indicate for and against a surface: 255 for, 0 against, 128 unseen."""
-    margin = SQUARE
     low = submap.points.min(axis=0, initial=np.inf if len(submap.points) else 0.0)
     corner = low - 2.0 * RESOLUTION
-    ends = np.ascontiguousarray((submap.points - corner) / RESOLUTION + margin)
+    ends = np.ascontiguousarray((submap.points - corner) / RESOLUTION + SQUARE)
     cells = np.floor(ends).astype(np.int64)
-    width, height = cells.max(axis=0, initial=margin) + 3 + margin
+    width, height = cells.max(axis=0, initial=SQUARE) + 3 + SQUARE
     edge = np.array([width, height]) - 1e-3
-    starts = np.clip((submap.origins - corner) / RESOLUTION + margin, 0.0, edge)
+    starts = np.clip((submap.origins - corner) / RESOLUTION + SQUARE, 0.0, edge)
     counts = np.zeros((height, width, 2), np.uint16)
     marks = np.zeros((height, width), np.uint8)
     count_scans(counts, marks, starts, ends, np.ones(len(ends), np.bool_), submap.bounds)
     found = np.where(counts[:, :, 1] > 0, np.uint8(0), np.uint8(UNSEEN))
-    found[cells[:, 1], cells[:, 0]] = FULL
-    return LikelihoodGrid.of(found, corner, margin)
+    return LikelihoodGrid.of(found, cells, corner)
 
 
 def occupancy_evidence(grid: OccupancyGrid) -> tuple[Array, LikelihoodGrid]:
     """Surface points (N, 2) of an occupancy grid, and the grid of its evidence."""
-    cells, margin = grid.trinary(), SQUARE
+    cells = grid.trinary()
     rows, columns = np.nonzero(cells >= 0)
     middles = (np.stack([columns, rows], axis=1) + 0.5) * grid.resolution
-    at = np.floor(middles / RESOLUTION).astype(np.int64) + margin + 2
-    width, height = at.max(axis=0, initial=margin) + 3 + margin
+    at = np.floor(middles / RESOLUTION).astype(np.int64) + SQUARE + 2
+    width, height = at.max(axis=0, initial=SQUARE) + 3 + SQUARE
     known = np.full((height, width), UNSEEN, np.uint8)
     is_hit = cells[rows, columns] == 100
     known[at[~is_hit, 1], at[~is_hit, 0]] = 0
-    known[at[is_hit, 1], at[is_hit, 0]] = FULL
     corner = np.asarray(grid.origin, np.float64) - 2.0 * RESOLUTION
-    found = LikelihoodGrid.of(known, corner, margin)
+    found = LikelihoodGrid.of(known, at[is_hit], corner)
     return spread_points(grid.origin + middles[is_hit], RESOLUTION), found
 
 
 def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[np.int64]:
     """Evidence (P,) of a grid for points (P, 2) at `pose` (3,): 1 hit, -1 free, 0 unseen."""
-    return np.sign(_values(grid, transform_points_planar(pose, points)) - grid.unseen)
+    return np.sign(_values(grid, transform_points_planar(pose, points)) - UNSEEN)
 
 
 def seen_from_one_side(
@@ -141,20 +137,20 @@ def seen_from_one_side(
     The other grid's frame has them at `pose` (3,). What one saw from inside and the other one from
     outside are two surfaces.
     """
-    around = points[:, None] + own.resolution * _BEFORE
-    seen = _values(own, around) < own.unseen
-    seen &= _values(other, transform_points_planar(pose, around)) < other.unseen
+    around = points[:, None] + RESOLUTION * _BEFORE
+    seen = _values(own, around) < UNSEEN
+    seen &= _values(other, transform_points_planar(pose, around)) < UNSEEN
     return np.asarray(seen.any(axis=1))
 
 
 def _values(grid: LikelihoodGrid, points: Array) -> NDArray[np.int64]:
     """(...) of the cells in which points (..., 2) of the grid's frame lie."""
-    cells = np.floor((points - grid.corner) / grid.resolution).astype(np.int64) + grid.margin
+    cells = np.floor((points - grid.corner) / RESOLUTION).astype(np.int64) + SQUARE
     column, row = cells[..., 0], cells[..., 1]
     height, width = grid.cells.shape
     inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
     values = grid.cells[np.where(inside, row, 0), np.where(inside, column, 0)]
-    return np.where(inside, values, grid.unseen).astype(np.int64)
+    return np.where(inside, values, UNSEEN).astype(np.int64)
 
 
 def lie_on_a_line(points: Array) -> bool:
@@ -183,7 +179,7 @@ def search_evidence(
     if len(points) == 0:
         return None
     fixed = _window(points, grid, guess, distance, angle)
-    a_point = 0.5 / len(fixed[3])  # of score: from a miss over nothing to a hit it is one
+    a_point = 0.5 / len(fixed[2])  # of score: from a miss over nothing to a hit it is one
     floor = 0.5 + least * a_point
     best = _best(fixed, _NOWHERE, floor)
     if best is None:
@@ -205,7 +201,7 @@ def evidence_elsewhere(
     farther `behind` in evidence than a pose with this `score` elsewhere, if any.
     """
     window = _window(points, grid, pose, distance, angle)
-    least = max(least, (2.0 * score - 1.0) * len(window[3]) - behind)
+    least = max(least, (2.0 * score - 1.0) * len(window[2]) - behind)
     return _best_of(window, np.array([*pose, *APART]), least)
 
 
@@ -238,23 +234,20 @@ def search_elsewhere(
 
 
 def _everywhere(points: Array, grid: LikelihoodGrid) -> Window:
-    step = 2.0 * _step(points, grid)
+    step = 2.0 * _step(points)
     angles = np.arange(-np.pi, np.pi, step)
     width = _PART * SQUARE
-    rows, columns = np.nonzero(grid.cells != grid.unseen)
-    known = np.stack([columns, rows], axis=1) - grid.margin
+    rows, columns = np.nonzero(grid.cells != UNSEEN)
+    known = np.stack([columns, rows], axis=1) - SQUARE
     parts = np.unique(known // width, axis=0) * width
-    guess = np.append(grid.corner + 0.5 * grid.resolution, 0.0)
+    guess = np.append(grid.corner + 0.5 * RESOLUTION, 0.0)
     reach = max(grid.pyramid.shape)
-    return (
-        grid.pyramid, grid.strips, grid.margin, points, grid.corner, grid.resolution, grid.unseen,
-        guess, parts, _PART, reach, angles,
-    )  # fmt: skip
+    return grid.pyramid, grid.strips, points, grid.corner, guess, parts, _PART, reach, angles
 
 
 def _best_of(window: Window, avoid: Array, least: float) -> Array | None:
     """The best pose of more evidence, in points, than `least`."""
-    best = _best(window, avoid, 0.5 + least * 0.5 / max(len(window[3]), 1))
+    best = _best(window, avoid, 0.5 + least * 0.5 / max(len(window[2]), 1))
     return None if best is None else best[1:]
 
 
@@ -269,22 +262,19 @@ def _window(
     points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float
 ) -> Window:
     """The window about a guess in which the points are looked for."""
-    step = _step(points, grid)
+    step = _step(points)
     count = int(np.ceil(angle / step))
     angles = np.arange(-count, count + 1, dtype=np.float64) * step
-    reach = int(np.ceil(distance / grid.resolution))
+    reach = int(np.ceil(distance / RESOLUTION))
     starts = np.arange(-reach, reach + 1, SIDE * SQUARE)
     blocks = np.stack(np.meshgrid(starts, starts, indexing="ij"), axis=-1).reshape(-1, 2)
-    return (
-        grid.pyramid, grid.strips, grid.margin, points, grid.corner, grid.resolution, grid.unseen,
-        guess, blocks, SIDE, reach, angles,
-    )  # fmt: skip
+    return grid.pyramid, grid.strips, points, grid.corner, guess, blocks, SIDE, reach, angles
 
 
-def _step(points: Array, grid: LikelihoodGrid) -> float:
+def _step(points: Array) -> float:
     """Radians by which most points move one cell."""
     far = float(np.percentile(np.hypot(*points.T), 80))
-    return float(np.clip(grid.resolution / max(far, 1.0), 0.01, 0.05))
+    return float(np.clip(RESOLUTION / max(far, 1.0), 0.01, 0.05))
 
 
 def are_one(pose: Array, other: Array, apart: tuple[float, float]) -> bool:

@@ -22,7 +22,7 @@ from mapmyworld.kernels.step_model import any_step, learn_change, new_steps, nex
 from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, reckoned_variances
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes, share_seen_through
-from mapmyworld.odometry.odometry_faults import OdometryFaults
+from mapmyworld.odometry.odometry_faults import fault
 from mapmyworld.odometry.pose_hypotheses import FAULT_SIZE, FEWEST, Prior, likeliest_match
 from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
 from mapmyworld.odometry.unobserved_motion import UnobservedMotion
@@ -60,7 +60,8 @@ class LaserTracker:
     def __init__(self, config: Config, wheels: Array | None = None) -> None:
         """`wheels` (15,): how the odometry is calibrated, if that is known."""
         self._odometry, self._matching = config.odometry, config.registration
-        self._faults = OdometryFaults()
+        self._faults: Counter[str] = Counter()
+        self._compared = 0  # steps of which odometry and match are known
         self._degenerate = DegenerateSections()
         self._lost_ns: list[int] = []
         self._keyframes = Keyframes(config)
@@ -108,7 +109,7 @@ class LaserTracker:
                 tracked.append(LaserMotion(out[k, :3], covariances[k], "matched", float(out[k, 3])))
                 self._degenerate.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
                 self._time.take(frames[k].stamp_ns, out[k, :3])
-            self._faults.steps += int(np.isfinite(recorded[first:last, 0]).sum())
+            self._compared += int(np.isfinite(recorded[first:last, 0]).sum())
             if recorded[first:last].any():
                 self._stalled = None
             if last < len(frames):
@@ -124,7 +125,11 @@ class LaserTracker:
 
     def notes(self) -> tuple[str, ...]:
         """What was noticed on the way: how far odometry can be trusted, where tracking failed."""
-        found = [*self._faults.notes(), *self._degenerate.notes()]
+        found = [
+            f"odometry {kind} at {count} of {self._compared} scans"
+            for kind, count in self._faults.most_common()
+        ]
+        found += self._degenerate.notes()
         if self._lost_ns:
             when = named_moments(self._lost_ns, self._first_ns or 0)
             found.append(f"tracking was lost at {when}: no scan match and no odometry")
@@ -297,9 +302,9 @@ class LaserTracker:
                     self._stalled = self._wheels.copy()
                 learn(self._wheels, found, variances, self._odometry.relative_noise, weak)
                 anchor(self._wheels, match.pose)
-            self._faults.steps += 1
+            self._compared += 1
             if found[6] > self._odometry.contradiction**2:
-                self._faults.add(recorded, moved)
+                self._faults[fault(recorded, moved)] += 1
                 if verdict != "matched":
                     variances = FAULT_SIZE**2
         covariance = step_covariance(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar
-from mapmyworld.registration.scan_matching import ScanSet, match_scan, prepare_scans
+from mapmyworld.registration.scan_matching import ScanSet, match_scan, prepare_scans, scan_set
 from mapmyworld.simulation.floor_plan import Plan, plan_at
 from mapmyworld.simulation.world import build_scene
 from mapmyworld.simulation.worlds import find_world
@@ -74,8 +74,8 @@ def bias(scans: ScanSet, poses: Array, metres: float) -> float:
     for first in range(len(poses) - ahead):
         truth = between_planar(poses[first], poses[first + ahead])
         found = match_scan(
-            scans.one(first + ahead), scans, np.array([first]), np.zeros((len(poses), 3)),
-            truth, Config().registration,
+            scans.one(first + ahead), scan_set([scans.one(first)]), np.zeros((1, 3)), truth,
+            Config().registration,
         )  # fmt: skip
         errors.append(between_planar(truth, found.pose)[0])
         weights.append(found.information[0, 0])

@@ -176,9 +176,7 @@ def test_a_match_finds_the_true_motion(x: float, y: float, yaw: float) -> None:
     scan = prepare_scan(room_scan(second, seed=2), CONFIG)
     truth = between_planar(first, second)
     guess = truth + np.array([x, y, yaw])
-    match = match_scan(
-        scan, targets, np.zeros(1, np.int64), np.zeros((1, 3)), guess, CONFIG, max_distances=COARSE
-    )
+    match = match_scan(scan, targets, np.zeros((1, 3)), guess, CONFIG, max_distances=COARSE)
     error = between_planar(truth, match.pose)
     assert np.hypot(*error[:2]) < 0.006
     assert abs(error[2]) < 0.002
@@ -187,20 +185,20 @@ def test_a_match_finds_the_true_motion(x: float, y: float, yaw: float) -> None:
 
 def test_a_room_is_known_in_every_direction_a_corridor_only_across() -> None:
     """Along a corridor both walls' normals are orthogonal to the motion: no information."""
-    which, poses = np.zeros(1, np.int64), np.zeros((1, 3))
+    poses = np.zeros((1, 3))
     room = scan_set([prepared([0.0, 0.0, 0.0])])
-    in_room = match_scan(room.one(0), room, which, poses, np.zeros(3), CONFIG)
+    in_room = match_scan(room.one(0), room, poses, np.zeros(3), CONFIG)
     sigma = np.sqrt(np.linalg.inv(in_room.information)[[0, 1], [0, 1]])
     assert sigma.max() < 0.01
     hall = scan_set([prepared([0.0, 0.0, 0.0], room=CORRIDOR)])
-    in_hall = match_scan(hall.one(0), hall, which, poses, np.zeros(3), CONFIG)
+    in_hall = match_scan(hall.one(0), hall, poses, np.zeros(3), CONFIG)
     assert in_hall.information[0, 0] < 1e-3 * in_hall.information[1, 1]
 
 
 @pytest.mark.parametrize("noise", [0.003, 0.01, 0.03])
 def test_the_noise_of_normals_is_no_knowledge_along_a_corridor(noise: float) -> None:
     """Their squared errors add up, however many they are; where a room has corners, they count."""
-    which, poses = np.zeros(1, np.int64), np.zeros((1, 3))
+    poses = np.zeros((1, 3))
     shares = []
     for room in (CORRIDOR, BOX):
         seen = [
@@ -210,7 +208,7 @@ def test_the_noise_of_normals_is_no_knowledge_along_a_corridor(noise: float) -> 
         found, normals = np.zeros((3, 3)), np.zeros((2, 2))
         for target, scan in itertools.pairwise(seen):
             targets = scan_set([target])
-            match = match_scan(scan, targets, which, poses, np.zeros(3), CONFIG)
+            match = match_scan(scan, targets, poses, np.zeros(3), CONFIG)
             found += match.information
             rows = target.rows[:, 2:4].astype(np.float64)
             normals += rows.T @ rows
@@ -223,10 +221,7 @@ def test_a_prior_holds_what_the_match_is_degenerate() -> None:
     """Along a corridor the pose stays where the prior puts it, and the match takes no credit."""
     hall = scan_set([prepared([0.0, 0.0, 0.0], room=CORRIDOR)])
     guess, known = np.array([0.2, 0.05, 0.02]), np.diag([1e4, 1e-3, 1e-3])
-    match = match_scan(
-        hall.one(0), hall, np.zeros(1, np.int64), np.zeros((1, 3)), guess, CONFIG,
-        prior=guess, prior_information=known,
-    )  # fmt: skip
+    match = match_scan(hall.one(0), hall, np.zeros((1, 3)), guess, CONFIG, prior_information=known)
     assert match.pose[0] == pytest.approx(0.2, abs=0.01)
     assert match.pose[1:] == pytest.approx([0.0, 0.0], abs=0.002)
     assert match.information[0, 0] < 1e3
@@ -237,9 +232,7 @@ def test_information_counts_points_over_the_variance_of_one() -> None:
     points = np.stack([np.full(41, 2.0), np.linspace(-1, 1, 41)], axis=-1).astype(np.float32)
     wall = Scan(points, np.zeros(3), np.zeros(0, np.float32), 10.0, np.radians(1.5))
     scans = scan_set([prepare_scan(wall, CONFIG)])
-    match = match_scan(
-        scans.one(0), scans, np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros(3), CONFIG
-    )
+    match = match_scan(scans.one(0), scans, np.zeros((1, 3)), np.zeros(3), CONFIG)
     expected = len(scans.rows) / (CONFIG.range_sigma**2 * CONFIG.correlation)
     assert match.information[0, 0] == pytest.approx(expected, rel=1e-6)
     assert match.information[1, 1] == pytest.approx(0.0, abs=1e-6 * expected)

@@ -15,7 +15,7 @@ from mapmyworld.diagnosis.sample import odometry_yaw, take_sample
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
-from mapmyworld.registration.scan_matching import COARSE, match_scan, prepare_scans
+from mapmyworld.registration.scan_matching import COARSE, match_scan, prepare_scans, scan_set
 from mapmyworld.sensing.plan import Plan, ScanSource
 from mapmyworld.types import Frame, LogSource
 
@@ -115,10 +115,8 @@ def _matched(
     for i, step in enumerate(_odometry_steps(pairs)):
         if not np.isnan(step[0]):
             guess = step
-        which, at_origin = np.array([i], np.int64), np.zeros((len(prepared), 3))
-        match = match_scan(
-            prepared.one(i + 1), prepared, which, at_origin[:1], guess, config, max_distances=COARSE
-        )
+        before, after = scan_set([prepared.one(i)]), prepared.one(i + 1)
+        match = match_scan(after, before, np.zeros((1, 3)), guess, config, max_distances=COARSE)
         if match.overlap > _LEAST_OVERLAP:
             moves[i] = guess = match.pose
             reported[i] = _information_along(match.pose[:2], match.information)

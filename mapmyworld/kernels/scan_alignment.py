@@ -183,7 +183,6 @@ def align(
     poses: NDArray[np.float64],
     origins: NDArray[np.float64],
     guess: NDArray[np.float64],
-    prior: NDArray[np.float64],
     prior_information: NDArray[np.float64],
     max_distances: NDArray[np.float64],
     share: float,
@@ -193,17 +192,15 @@ def align(
     """Aligns source rows with targets `which` (K,), rows `starts[w]` to `ends[w]`, at `poses`.
 
     `source` is (N, 6), `targets` (M, 6); `starts` and `ends` (T,), `poses` (T, 3) and `origins`
-    (T, 2) are of the targets. The scan's `guess` and `prior` (3,) are in the frame of `poses`, the
-    latter with `prior_information` (3, 3). Gauss-Newton, one step a reach of `max_distances` (R,),
-    m, of which Cauchy's scale is a `share`. `out` (16,): pose (3), match Hessian
-    (6, upper triangle, in units of residuals), share explained of source points with normals, mean
-    squared residual, count of residuals, length of the last step (m), sum of weights.
+    (T, 2) are of the targets. The scan's `guess` (3,) is in the frame of `poses`, and pulls with
+    `prior_information` (3, 3). Gauss-Newton, one step a reach of `max_distances` (R,), m, of which
+    Cauchy's scale is a `share`. `out` (11,): pose (3), match Hessian (6, upper triangle, in units
+    of residuals), share explained of source points with normals, mean squared residual.
     """
     pose = guess.copy()
     hit = np.zeros(s_last - s_first, np.bool_)
     system = np.zeros(15)
     a, b = np.empty((3, 3)), np.empty(3)
-    length = 0.0
     rounds, turn = len(max_distances), 0
     while turn <= rounds:
         system[:] = 0.0
@@ -220,12 +217,12 @@ def align(
         a[0, 0], a[0, 1], a[0, 2] = system[0], system[1], system[2]
         a[1, 0], a[1, 1], a[1, 2] = system[1], system[3], system[4]
         a[2, 0], a[2, 1], a[2, 2] = system[2], system[4], system[5]
-        off = relative(prior, pose)
+        off = relative(guess, pose)
         off[2] = (off[2] + np.pi) % (2.0 * np.pi) - np.pi
         for row in range(3):
             b[row] = -factor * system[6 + row]
             for column in range(3):
-                # The frames of prior and pose differ by the small rotation `off[2]`: left out.
+                # The frames of guess and pose differ by the small rotation `off[2]`: left out.
                 a[row, column] = a[row, column] * factor + prior_information[row, column]
                 b[row] -= prior_information[row, column] * off[column]
             a[row, row] += 1e-6
@@ -249,9 +246,6 @@ def align(
         out[3 + k] = system[k]
     out[9] = explained / max(straight, 1.0)
     out[10] = system[10] / max(system[9], 1e-9)
-    out[11] = system[11]
-    out[12] = length
-    out[13] = system[9]
 
 
 @jit

@@ -115,7 +115,7 @@ def match_keyframes(
     which: Index, predicted: Array, known: Array, max_distances: Array, settings: Array,
     out: Array, information: Array,
 ) -> None:  # fmt: skip
-    """Aligns a scan with keyframes; fills `out` (16,) as `align` does, and the match's information.
+    """Aligns a scan with keyframes; fills `out` (11,) as `align` does, and the match's information.
 
     The scan is `rows[first:last]`, `rows` (N, 6). The ring has `key_rows` (K, P, 6), `key_counts`
     (K,), `key_origins` (K, 2), `key_poses` (K, 3), as of `remember_scan`; `which` (B,) are slots.
@@ -128,7 +128,7 @@ def match_keyframes(
         starts[k], ends[k] = k * capacity, k * capacity + key_counts[k]
     align(
         rows, first, last, key_rows.reshape(-1, 6), starts, ends, which, key_poses,
-        key_origins, predicted, predicted, known, max_distances, settings[0],
+        key_origins, predicted, known, max_distances, settings[0],
         settings[1] * np.sqrt(settings[2]), out,
     )  # fmt: skip
     variance = max(settings[1] * settings[1], out[10]) * settings[2]
@@ -156,7 +156,7 @@ def learn_matching(
     """
     if len(which) < 2:
         return
-    found, none = np.zeros(16), np.zeros((3, 3))
+    found, none = np.zeros(11), np.zeros((3, 3))
     poses, total = np.zeros((2, 3)), np.zeros((3, 3))
     information = np.zeros((3, 3))
     for k in range(2):
@@ -224,7 +224,7 @@ def track_scans(
     NIS and overlap, keyframe distance and angle. Fills `out` (B, 7): pose, overlap, NIS, metres
     moved, weak (1 or 0); and `covariances` (B, 3, 3) of the steps.
     """  # fmt: skip
-    found, predicted, pose = np.zeros(16), np.empty(3), np.empty(3)
+    found, predicted, pose = np.zeros(11), np.empty(3), np.empty(3)
     information, known = np.zeros((3, 3)), np.zeros((3, 3))
     for k in range(start, len(bounds) - 1):
         if bounds[k + 1] - bounds[k] < fewest or keys[1] == 0 or interpolated[k]:

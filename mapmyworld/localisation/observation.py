@@ -91,17 +91,17 @@ def match_at(
     guess: Array,
     max_distances: Array,
     config: Config,
-    prior_information: Array | None = None,
+    prior_information: Array,
 ) -> Match:
     """The scan aligned with the place's scans around `guess` (3,), map_from_base.
 
-    With `prior_information` (3, 3) the guess pulls as a prior. `max_distances` (R,), metres, are
+    The guess, with its `prior_information` (3, 3), pulls as well. `max_distances` (R,), metres, are
     those from the targets' lines, one a step.
     """
     which = place.targets(guess, config.localisation)
     return match_scan(
-        moment.scan, place.scans, which, place.poses, guess, config.registration,
-        prior=guess, prior_information=prior_information, max_distances=max_distances,
+        moment.scan, place.scans.some(which), place.poses[which], guess, config.registration,
+        prior_information=prior_information, max_distances=max_distances,
     )  # fmt: skip
 
 

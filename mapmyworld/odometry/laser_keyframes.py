@@ -88,10 +88,8 @@ class Keyframes:
         `max_distances` (R,) as of `align`; `settings` (9,) are those of `track_scans`, of which
         the variance factor is learnt.
         """
-        scans, poses = self.targets()
         return match_scan(
-            scan, scans, np.arange(len(scans)), poses, guess,
-            replace(self._matching, correlation=float(settings[2])),
+            scan, *self.targets(), guess, replace(self._matching, correlation=float(settings[2])),
             prior_information=information, max_distances=max_distances,
         )  # fmt: skip
 

@@ -59,9 +59,8 @@ def match_members(
     (a, targets), (b, members) = target, other
     return match_scan(
         _joined(nodes, b, members, step), nodes.scans.some(targets),
-        np.arange(len(targets)), between_planar(nodes.poses[a], nodes.poses[targets]), guess,
-        config.registration, prior=guess, prior_information=_NO_PRIOR,
-        max_distances=np.concatenate([[0.4, 0.3], FINE]),
+        between_planar(nodes.poses[a], nodes.poses[targets]), guess, config.registration,
+        prior_information=_NO_PRIOR, max_distances=np.concatenate([[0.4, 0.3], FINE]),
     )  # fmt: skip
 
 

@@ -70,8 +70,6 @@ class Match:
     """Share of the scan's points that the targets explain."""
     residual: float
     """Root mean square distance from the lines, metres."""
-    count: int
-    """Residuals that agree."""
 
 
 def prepare_scan(scan: Scan, config: RegistrationConfig) -> PreparedScan:
@@ -120,28 +118,24 @@ def scan_set(scans: Sequence[PreparedScan]) -> ScanSet:
 def match_scan(
     scan: PreparedScan,
     targets: ScanSet,
-    which: NDArray[np.int64],
     poses: Array,
     guess: Array,
     config: RegistrationConfig,
     *,
-    prior: Array | None = None,
-    prior_information: Array | None = None,
+    prior_information: Array = _NO_PRIOR,
     max_distances: Array = FINE,
 ) -> Match:
-    """Aligns a scan with targets `which` (K,) at `poses` (S, 3), from `guess` (3,).
+    """Aligns a scan with targets at `poses` (S, 3), from `guess` (3,).
 
     Gauss-Newton on distances from the targets' lines, with Cauchy weights; lines are looked for
-    within `max_distances` (R,), metres, one a step. `prior` (3,) with its information (3, 3) pulls
-    as another measurement; the match's own information leaves it out.
+    within `max_distances` (R,), metres, one a step. The guess, with its `prior_information` (3, 3),
+    pulls as another measurement; the match's own information leaves it out.
     """
-    prior = guess if prior is None else prior
-    prior_information = _NO_PRIOR if prior_information is None else prior_information
-    out = np.zeros(16)
+    out = np.zeros(11)
     sigma = config.range_sigma * np.sqrt(config.correlation)
     align(
-        scan.rows, 0, len(scan.rows), targets.rows, targets.bounds[:-1], targets.bounds[1:], which,
-        poses, targets.origins, guess, prior, prior_information, max_distances,
+        scan.rows, 0, len(scan.rows), targets.rows, targets.bounds[:-1], targets.bounds[1:],
+        np.arange(len(targets)), poses, targets.origins, guess, prior_information, max_distances,
         config.residual_share, sigma, out,
     )  # fmt: skip
     xx, xy, xr, yy, yr, rr = out[3:9]
@@ -149,8 +143,7 @@ def match_scan(
     sigma_squared = max(config.range_sigma**2, float(out[10])) * config.correlation
     return Match(
         pose=out[:3].copy(),
-        information=hessian / (sigma_squared * max(len(which), 1)),
+        information=hessian / (sigma_squared * max(len(targets), 1)),
         overlap=float(out[9]),
         residual=float(np.sqrt(out[10])),
-        count=int(out[11]),
     )

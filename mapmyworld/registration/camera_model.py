@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.rigid import invert, make_transform
-from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.types import CameraModel, RgbdImage
 
 
@@ -45,24 +43,6 @@ def pixels_of_points(camera: CameraModel, points: NDArray[np.floating]) -> Array
         bent, _ = model.projectPoints(rays[:, None], still, still, k, distortion)
         pixels[before] = bent[:, 0]
     return pixels
-
-
-def pose_of_rays(points: Array, rays: Array, limit: float, rounds: int) -> Array | None:
-    """map_from_camera (4, 4) from which points (N, 3) are seen along rays (N, 2) at depth 1.
-
-    By RANSAC on four sightings at a time (P3P); `limit` is the distance at depth 1 within which a
-    sighting agrees. None where no pose was found.
-    """
-    if len(points) < 4:
-        return None
-    found, turn, shift, _ = cv2.solvePnPRansac(
-        np.ascontiguousarray(points), np.ascontiguousarray(rays), np.eye(3), None,
-        iterationsCount=rounds, reprojectionError=limit, confidence=0.9999,
-        flags=cv2.SOLVEPNP_P3P,
-    )  # fmt: skip
-    if not found:
-        return None
-    return invert(make_transform(so3_exp(turn[:, 0]), shift[:, 0]))
 
 
 def depth_grid_points(image: RgbdImage, stride: int) -> tuple[Array, NDArray[np.float32]]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.rigid import se3_exp
+from mapmyworld.geometry.rigid import invert, make_transform, se3_exp
+from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.kernels.pose_refinement import pose_normal_equations
-from mapmyworld.registration.camera_model import pose_of_rays
 from mapmyworld.types.rows import CountedRows
 
 LEAST_SHARE = 0.25
@@ -61,13 +62,18 @@ def ransac_pose(sightings: Sightings, limit: float, least: int = 1) -> tuple[Arr
     search ends once more would hardly have been overlooked. Where nothing fits, it is the identity
     and 0. (Chum, Matas and Kittler, "Locally optimized RANSAC", 2003.)
     """
-    if len(sightings) < max(least, 1):
+    if len(sightings) < max(least, 4):
         return np.eye(4), 0
     reach = limit * float(np.median(sightings.sigmas[:, 0]))
     rounds = _rounds_needed(max(least / len(sightings), LEAST_SHARE))
-    pose = pose_of_rays(sightings.points, sightings.seen[:, :2], reach, rounds)
-    if pose is None:
+    points, rays = np.ascontiguousarray(sightings.points), sightings.seen[:, :2].copy()
+    found, turn, shift, _ = cv2.solvePnPRansac(
+        points, rays, np.eye(3), None, iterationsCount=rounds, reprojectionError=reach,
+        confidence=0.9999, flags=cv2.SOLVEPNP_P3P,
+    )  # fmt: skip
+    if not found:
         return np.eye(4), 0
+    pose = invert(make_transform(so3_exp(turn[:, 0]), shift[:, 0]))
     return _polished(pose, int(np.count_nonzero(inliers(pose, sightings, limit))), sightings, limit)
 
 

@@ -32,7 +32,6 @@ from mapmyworld.registration.views import (
     match_around,
     match_views,
     pixel_sigmas,
-    sightings_of,
 )
 from mapmyworld.types import Frame, RgbdImage
 
@@ -198,8 +197,10 @@ class VisualTracker:
         local = transform_points(invert(pose), points)
         words = self._map.words[ids]
         matches = match_around(view, local, words, radius)
-        sightings, known = sightings_of(view, points, matches)
-        return sightings, (matches[known].astype(np.int64), ids[known])
+        known = np.flatnonzero(matches >= 0)
+        chosen = matches[known]
+        sightings = Sightings(points[known], view.seen[chosen], view.sigmas[chosen])
+        return sightings, (chosen.astype(np.int64), ids[known])
 
     def _agree(self, sightings: Sightings) -> Array | None:
         settings = self._config.visual

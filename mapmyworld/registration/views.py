@@ -13,7 +13,6 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import invert, transform_points
 from mapmyworld.kernels.image_matching import match_all, match_projected
 from mapmyworld.registration.camera_model import rays_of_pixels
-from mapmyworld.registration.camera_pose import Sightings
 from mapmyworld.types import CameraModel, Features
 
 SEARCH_RADIUS = 30.0
@@ -156,18 +155,6 @@ def match_views(a: View, b: View) -> tuple[NDArray[np.int64], NDArray[np.int64]]
     matches = match_all(a.words, b.words, _BITS, _RATIO)
     found = np.flatnonzero(matches >= 0)
     return found, matches[found].astype(np.int64)
-
-
-def sightings_of(
-    view: View, points: Array, matches: NDArray[np.int32]
-) -> tuple[Sightings, NDArray[np.int64]]:
-    """What `view` saw of points (P, 3), map frame, and (K,) which points those are.
-
-    `matches` (P,) are their features, -1 for none.
-    """
-    known = np.flatnonzero(matches >= 0)
-    chosen = matches[known]
-    return Sightings(points[known], view.seen[chosen], view.sigmas[chosen]), known
 
 
 def _sorted_into_cells(

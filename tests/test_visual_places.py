@@ -109,10 +109,10 @@ def test_a_second_visit_is_proposed_whichever_way_it_is_driven(back: bool) -> No
         words, 4000, stamps, np.zeros(len(words), int),
         gap_s=5.0, least_similarity=0.02, most=3,
     )  # fmt: skip
-    pairs = {(c.index, c.other) for c in found}
+    pairs = {(index, other) for index, other, _ in found}
     expected = {(60 + k, place) for k, place in enumerate(second)}
     assert len(expected & pairs) >= 18
-    assert all(c.index > c.other for c in found)
+    assert all(index > other for index, other in pairs)
 
 
 def test_places_that_are_never_seen_again_are_never_proposed() -> None:

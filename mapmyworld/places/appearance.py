@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
@@ -14,17 +13,6 @@ from mapmyworld.geometry import Array
 NEIGHBOURS = 2
 """Nodes to either side that show much the same, as far as a robot gets while it passes one."""
 _ALIKE = 0.6  # of the best similarity, from which another place is looked at as well
-
-
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """Two nodes, by index, that may show the same place."""
-
-    index: int
-    """The later one."""
-    other: int
-    similarity: float
-    """Cosine of their weighed words."""
 
 
 def weigh_words(words: Sequence[NDArray[np.int32]], size: int) -> scipy.sparse.csr_matrix:
@@ -63,13 +51,14 @@ def find_candidates(
     gap_s: float,
     least_similarity: float,
     most: int,
-) -> list[Candidate]:
+) -> list[tuple[int, int, float]]:
     """Pairs worth verifying, each node with the `most` places that it looks most like.
 
-    Of each of N images the `words` (K,), `stamps_ns` (N,) and `sessions` (N,). Nodes of one session
-    closer than `gap_s` seconds are not the same place again. Of neighbouring places only the best
-    is proposed. Places nearly as similar as the best one are proposed too: that they look alike
-    must be known before one is believed.
+    By index, the later one first, with the cosine of their weighed words. Of each of N images the
+    `words` (K,), `stamps_ns` (N,) and `sessions` (N,). Nodes of one session closer than `gap_s`
+    seconds are not the same place again. Of neighbouring places only the best is proposed. Places
+    nearly as similar as the best one are proposed too: that they look alike must be known before
+    one is believed.
     """
     vectors = weigh_words(words, size)
     best: dict[tuple[int, int], float] = {}
@@ -81,8 +70,8 @@ def find_candidates(
         order = np.argsort(-row, kind="stable")
         for j in distinct(order[worth[order]], most):
             best[max(i, j), min(i, j)] = float(row[j])
-    pairs = [Candidate(*pair, similarity) for pair, similarity in best.items()]
-    return sorted(pairs, key=lambda c: (c.index, -c.similarity, c.other))
+    pairs = [(*pair, similarity) for pair, similarity in best.items()]
+    return sorted(pairs, key=lambda pair: (pair[0], -pair[2], pair[1]))
 
 
 def distinct(order: NDArray[np.int64], most: int) -> list[int]:

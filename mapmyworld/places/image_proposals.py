@@ -46,9 +46,7 @@ def by_words(images: NodeImages, size: int, config: Config) -> list[Proposal]:
         most=CANDIDATES,
     )
     closure = ConstraintKind.LOOP_CLOSURE
-    return [
-        Proposal(c.index, c.other, closure, ImageMatch(similarity=c.similarity)) for c in candidates
-    ]
+    return [Proposal(i, j, closure, ImageMatch(similarity=alike)) for i, j, alike in candidates]
 
 
 def by_sequence(images: NodeImages) -> list[Proposal]:

@@ -212,27 +212,21 @@ def _is_same(move: Array, other: Array, at: Array) -> bool:
     return are_one(compose_planar(move, at), compose_planar(other, at), ANOTHER)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Joint:
-    """How a later session lies in an earlier one."""
+def find_joints(
+    count: int, locate: Callable[[int, int], Array | None]
+) -> dict[tuple[int, int], Array]:
+    """For each session one earlier session of every group that it belongs to.
 
-    earlier: int
-    later: int
-    earlier_from_later: Array
-    """(4, 4), or (3,) in the plane."""
-
-
-def find_joints(count: int, locate: Callable[[int, int], Array | None]) -> list[Joint]:
-    """For each session one earlier session of every group that it belongs to; `locate` gives the
-    later frame (4, 4), or (3,) in the plane, in the earlier one.
+    (Earlier, later) -> what `locate` gives: the later frame (4, 4), or (3,) in the plane, in the
+    earlier one.
     """
     group = list(range(count))
-    joints: list[Joint] = []
+    joints: dict[tuple[int, int], Array] = {}
     for later in range(1, count):
         for earlier in range(later):
             pose = None if group[earlier] == group[later] else locate(earlier, later)
             if pose is not None:
-                joints.append(Joint(earlier, later, pose))
+                joints[earlier, later] = pose
                 old, new = group[later], group[earlier]
                 group = [new if g == old else g for g in group]
     return joints

@@ -209,21 +209,10 @@ def _write(
         notes, noise = solved.get("notes", ()), solved.get("scan_noise", ())
         note_solution(store, laid.certainty, losses, notes, divides, noise)
     with store.extend_stage("map", inputs):
-        _draw(store, session_map, fresh, config, progress)
-
-
-def _draw(
-    store: MapStore,
-    session_map: SessionMap,
-    map_from_frame: Array,
-    config: Config,
-    progress: Progress,
-) -> None:
-    known, every = store.grid(), np.arange(len(map_from_frame))
-    scans = scans_at(session_map.store, every, map_from_frame)
-    more = build_grid(scans, config, map_from_frame[:, :2, 3])
-    total = None if known is None else added_grid(known, more, config)
-    if total is None:
-        draw_maps(store, config, progress)
-    else:
-        store.set_grid(total)
+        known, scans = store.grid(), scans_at(session_map.store, np.arange(len(fresh)), fresh)
+        more = build_grid(scans, config, fresh[:, :2, 3])
+        total = None if known is None else added_grid(known, more, config)
+        if total is None:
+            draw_maps(store, config, progress)
+        else:
+            store.set_grid(total)

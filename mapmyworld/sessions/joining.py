@@ -15,7 +15,7 @@ from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation.known_images import KnownImages
 from mapmyworld.places.laser_nodes import held_by, load_node_scans, nodes_at
 from mapmyworld.places.session_closures import closures_between
-from mapmyworld.places.session_joining import Joint, find_joints, locate_session
+from mapmyworld.places.session_joining import find_joints, locate_session
 from mapmyworld.places.session_places import SessionPlaces
 from mapmyworld.registration.views import View
 from mapmyworld.sessions.copying import Placed
@@ -75,8 +75,8 @@ def _agreeing(joint: Array, own: Array, seen: Array) -> int:
 
 def join_session_maps(
     session_maps: list[SessionMap], config: Config, progress: Progress
-) -> list[Joint]:
-    """For each session one earlier session of every group that it belongs to."""
+) -> dict[tuple[int, int], Array]:
+    """The later frame (4, 4) in the earlier one, of the pairs that `find_joints` finds."""
     maps = [
         session_places(session_map, config) if has_laser(session_map) else None
         for session_map in session_maps

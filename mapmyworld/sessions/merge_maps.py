@@ -13,7 +13,6 @@ from mapmyworld.config import Config
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import invert
 from mapmyworld.graph.edited_constraints import edits_to_json
-from mapmyworld.places.session_joining import Joint
 from mapmyworld.sessions.copying import (
     copied_constraints,
     copied_edits,
@@ -59,7 +58,7 @@ def merge_maps(
     """
     ordered = sorted(session_maps, key=lambda session_map: session_map.order)
     joints = join_session_maps(ordered, config, progress)
-    ends = np.array([(joint.earlier, joint.later) for joint in joints], np.int64).reshape(-1, 2)
+    ends = np.array(list(joints), np.int64).reshape(-1, 2)
     part = components(len(ordered), *ends.T)
     groups = [np.flatnonzero(part == k).tolist() for k in range(int(part.max()) + 1)]
     wanted = {k for k, session_map in enumerate(ordered) if session_map.name == first}
@@ -75,7 +74,7 @@ def merge_maps(
 def _merge(
     session_maps: Sequence[SessionMap],
     group: Sequence[int],
-    joints: Sequence[Joint],
+    joints: dict[tuple[int, int], Array],
     store: MapStore,
     config: Config,
     progress: Progress,
@@ -89,7 +88,7 @@ def _merge(
     with store.write_stage("track", inputs):
         copy_drives(placed, store)
     scans = scan_loader(store, config)
-    joined = [(group.index(j.earlier), group.index(j.later)) for j in joints if j.later in group]
+    joined = [(group.index(a), group.index(b)) for a, b in joints if b in group]
     with store.write_stage("recognise", inputs):
         store.add_constraints(copied_constraints(placed))
         store.add_constraints(tie_sessions(placed, joined, scans, config))
@@ -111,15 +110,15 @@ def _merge(
     return MergedMap(names, len({n.session for n in nodes}), len(nodes), links)
 
 
-def _common_poses(group: Sequence[int], joints: Sequence[Joint]) -> list[Array]:
+def _common_poses(group: Sequence[int], joints: dict[tuple[int, int], Array]) -> list[Array]:
     """Where each session map's frame lies in that of the group's first, along the joints."""
     known: dict[int, Array] = {group[0]: np.eye(4)}
-    waiting = [joint for joint in joints if joint.later in group]
+    waiting = [(earlier, later) for earlier, later in joints if later in group]
     while waiting:
-        joint = next(j for j in waiting if j.earlier in known or j.later in known)
-        waiting.remove(joint)
-        if joint.earlier in known:
-            known[joint.later] = known[joint.earlier] @ joint.earlier_from_later
+        earlier, later = next((a, b) for a, b in waiting if a in known or b in known)
+        waiting.remove((earlier, later))
+        if earlier in known:
+            known[later] = known[earlier] @ joints[earlier, later]
         else:
-            known[joint.earlier] = known[joint.later] @ invert(joint.earlier_from_later)
+            known[earlier] = known[later] @ invert(joints[earlier, later])
     return [known[k] for k in group]

@@ -65,26 +65,15 @@ def digest_of(stores: Sequence[MapStore], config: Config) -> str:
 
 
 def note_sessions(store: MapStore, session_maps: Sequence[SessionMap], inputs: str) -> None:
-    """Which logs the session maps were made of, in their order."""
+    """Which logs the session maps were made of, in their order; a merged map lists its own."""
     logs = [session_map.store.get("log") or {} for session_map in session_maps]
     paths = [path for log in logs for path in log.get("paths", ())]
-    listed = [
-        entry
-        for session_map, log in zip(session_maps, logs, strict=True)
-        for entry in _entries(session_map, log)
-    ]
+    listed = list[dict[str, object]]()
+    for one, log in zip(session_maps, logs, strict=True):
+        own = {"log": log.get("hash"), "paths": log.get("paths", []), "nodes": len(one.nodes)}
+        listed += one.store.get("sessions") or [own]
     store.put("log", {"hash": inputs, "paths": paths})
     store.put("sessions", listed)
-
-
-def _entries(session_map: SessionMap, log: dict[str, object]) -> list[dict[str, object]]:
-    """What is known of a session map's sessions: a merged map lists its own."""
-    known = session_map.store.get("sessions")
-    if known:
-        return list(known)
-    return [
-        {"log": log.get("hash"), "paths": log.get("paths", []), "nodes": len(session_map.nodes)}
-    ]
 
 
 def skeleton_of(base: SessionMap, store: MapStore, config: Config) -> SessionMap:

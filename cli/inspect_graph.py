@@ -87,6 +87,8 @@ def graph(
 
 def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
     """Both images with their matches."""
+    import numpy as np
+
     from formats.report.match_picture import write_match_picture
     from mapmyworld.config import Config
     from mapmyworld.places.node_pairs import compare_nodes
@@ -95,9 +97,10 @@ def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
         found = compare_nodes(store, *pair, Config())
     matches, registration = found.pair, found.pair.registration
     reason = in_words(registration.verdict)
+    a, b = (np.asarray(image.pixels(), np.uint8) for image in (found.colour_a, found.colour_b))
     write_match_picture(
         path,
-        (found.picture_a, found.picture_b),
+        (a, b),
         found.features_a.pixels[matches.features_a],
         found.features_b.pixels[matches.features_b],
         matches.agreed,

@@ -33,7 +33,7 @@ def test_a_match_picture_shows_both_images_and_marks_every_match(
     found = pair.pair
     write_match_picture(
         tmp_path / "pair.svg",
-        (pair.picture_a, pair.picture_b),
+        (pair.colour_a.pixels(), pair.colour_b.pixels()),
         pair.features_a.pixels[found.features_a],
         pair.features_b.pixels[found.features_b],
         found.agreed,
@@ -51,9 +51,10 @@ def test_a_match_picture_shows_both_images_and_marks_every_match(
 
 
 def test_the_original_picture_is_not_drawn_upon(pair: NodePair, tmp_path: Path) -> None:
-    before = pair.picture_a.copy()
-    write_features_picture(tmp_path / "a.png", pair.picture_a, pair.features_a)
-    assert np.array_equal(pair.picture_a, before)
+    picture = pair.colour_a.pixels()
+    before = picture.copy()
+    write_features_picture(tmp_path / "a.png", picture, pair.features_a)
+    assert np.array_equal(picture, before)
 
 
 def test_a_node_without_an_image_cannot_be_compared() -> None:

@@ -6,9 +6,6 @@ import functools
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError, MapMyWorldError
 from mapmyworld.parallel import in_threads
@@ -28,16 +25,6 @@ class NodePair:
     features_b: Features
     colour_a: ImageMessage
     colour_b: ImageMessage
-
-    @property
-    def picture_a(self) -> NDArray[np.uint8]:
-        """(H, W, 3) RGB or (H, W), decoded when asked for."""
-        return np.asarray(self.colour_a.pixels(), np.uint8)
-
-    @property
-    def picture_b(self) -> NDArray[np.uint8]:
-        """(H, W, 3) RGB or (H, W), decoded when asked for."""
-        return np.asarray(self.colour_b.pixels(), np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,8 @@ from mapmyworld.types import (
     Verdict,
     Why,
 )
+
+_Verified = tuple[Proposal, ImagePair]
 
 
 def find_visual_closures(
@@ -68,38 +70,23 @@ def find_visual_closures(
     return _judge(images, verified, Drift(images.nodes, known), config.odometry.contradiction)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Verified:
-    proposal: Proposal
-    pair: ImagePair
-
-
 def _verify(
     images: NodeImages, proposals: Sequence[Proposal], config: Config, progress: Progress
 ) -> list[_Verified]:
     progress.stage("closures by images", len(proposals), "pairs")
-    work = _loaded(images, proposals)
+    view = functools.lru_cache(images.view)  # the store is read on the caller's thread only
+    loaded = ((proposal, view(proposal.index), view(proposal.other)) for proposal in proposals)
+    work = ((p, a, b) for p, a, b in loaded if a is not None and b is not None)
 
     def register(item: tuple[Proposal, View, View]) -> _Verified:
         proposal, later, earlier = item
-        return _Verified(proposal, register_images(earlier, later, config, guess=proposal.guess))
+        return proposal, register_images(earlier, later, config, guess=proposal.guess)
 
     done: list[_Verified] = []
     for verified in in_threads(register, work, config.threads):
         done.append(verified)
         progress.update(len(done))
     return done
-
-
-def _loaded(
-    images: NodeImages, proposals: Sequence[Proposal]
-) -> Iterator[tuple[Proposal, View, View]]:
-    """Proposals with both views; the store is read on the caller's thread only."""
-    view = functools.lru_cache(images.view)
-    for proposal in proposals:
-        later, earlier = view(proposal.index), view(proposal.other)
-        if later is not None and earlier is not None:
-            yield proposal, later, earlier
 
 
 def _judge(
@@ -111,12 +98,12 @@ def _judge(
     """
     aliases: dict[int, float] = defaultdict(lambda: np.inf)
     verdicts: list[Verdict] = []
-    for item in verified:
-        verdict = item.pair.registration.verdict
-        i, j = _nodes_of(images, item)
-        if item.pair.fits and drift.comparable(i, j):
-            own = item.pair.sigma_translation, item.pair.sigma_rotation
-            motion = item.pair.registration.a_from_b
+    for proposal, pair in verified:
+        verdict = pair.registration.verdict
+        i, j = _nodes_of(images, proposal)
+        if pair.fits and drift.comparable(i, j):
+            own = pair.sigma_translation, pair.sigma_rotation
+            motion = pair.registration.a_from_b
             sigma, metres, radians = drift.excess(j, i, motion, own)
             if sigma > limit:
                 numbers = {
@@ -124,23 +111,22 @@ def _judge(
                 }  # fmt: skip
                 contradicts = Verdict(Judge.CAMERA, False, Why.MOTION_CONTRADICTS, numbers)
                 verdict = contradicts if verdict.accepted else verdict
-                for k in (i, j) if item.proposal.guess is None else ():
+                for k in (i, j) if proposal.guess is None else ():
                     aliases[k] = min(aliases[k], metres)
         verdicts.append(verdict)
     constraints = []
-    for item, verdict in zip(verified, verdicts, strict=True):
-        i, j = _nodes_of(images, item)
-        guided = item.proposal.guess is not None
-        asked = verdict.accepted and not guided
+    for (proposal, pair), verdict in zip(verified, verdicts, strict=True):
+        i, j = _nodes_of(images, proposal)
+        asked = verdict.accepted and proposal.guess is None
         doubt = _ambiguity((i, j), aliases, drift, limit) if asked else None
         ends = images.nodes[j].id, images.nodes[i].id
-        constraints.append(_constraint(*ends, item, doubt or verdict))
+        constraints.append(_constraint(*ends, proposal, pair, doubt or verdict))
     return _best_of_pairs(constraints)
 
 
-def _nodes_of(images: NodeImages, item: _Verified) -> tuple[int, int]:
+def _nodes_of(images: NodeImages, proposal: Proposal) -> tuple[int, int]:
     """Indices of the nodes of a pair of images."""
-    return int(images.node_of[item.proposal.index]), int(images.node_of[item.proposal.other])
+    return int(images.node_of[proposal.index]), int(images.node_of[proposal.other])
 
 
 def _best_of_pairs(constraints: Sequence[Judged]) -> list[Judged]:
@@ -178,11 +164,13 @@ def _ambiguity(
     return Verdict(Judge.CAMERA, False, Why.AMBIGUOUS_VIEW, numbers)
 
 
-def _constraint(from_id: int, to_id: int, item: _Verified, verdict: Verdict) -> Judged:
-    registration = item.pair.registration
+def _constraint(
+    from_id: int, to_id: int, proposal: Proposal, pair: ImagePair, verdict: Verdict
+) -> Judged:
+    registration = pair.registration
     source = replace(
-        item.proposal.source,
-        matches=len(item.pair.agreed),
+        proposal.source,
+        matches=len(pair.agreed),
         inliers=int(registration.inliers),
         share=float(registration.overlap),
     )
@@ -190,13 +178,13 @@ def _constraint(from_id: int, to_id: int, item: _Verified, verdict: Verdict) -> 
         source = replace(
             source,
             residual_px=float(registration.residual),
-            sigma_m=float(item.pair.sigma_translation),
-            sigma_rad=float(item.pair.sigma_rotation),
+            sigma_m=float(pair.sigma_translation),
+            sigma_rad=float(pair.sigma_rotation),
         )
     return Judged(
         from_id,
         to_id,
-        item.proposal.kind,
+        proposal.kind,
         registration.a_from_b,
         registration.information,
         source,

@@ -179,15 +179,6 @@ def learn_matching(
     settings[2] = _MEMORY * settings[2] + (1.0 - _MEMORY) * sample
 
 
-@inner_jit
-def gone_on(state: Array, step: Array, predicted: Array) -> None:
-    """Fills `predicted` (3,), where `step` (3,) from the pose of `state` (8,) leads to."""
-    c, s = np.cos(state[2]), np.sin(state[2])
-    predicted[0] = state[0] + c * step[0] - s * step[1]
-    predicted[1] = state[1] + s * step[0] + c * step[1]
-    predicted[2] = wrapped(state[2] + step[2])
-
-
 @jit
 def track_scans(
     start: int,
@@ -238,7 +229,10 @@ def track_scans(
             variances = reckoned_variances(wheels, settings[3], settings[4])
         else:
             before = wheels
-            gone_on(state, state[3:6], predicted)
+            c, s = np.cos(state[2]), np.sin(state[2])
+            predicted[0] = state[0] + c * state[3] - s * state[4]
+            predicted[1] = state[1] + s * state[3] + c * state[4]
+            predicted[2] = wrapped(state[2] + state[5])
             variances = next_variances(steps)
         for i in range(3):
             known[i, i] = 1.0 / variances[i]

@@ -72,15 +72,6 @@ class Section:
     """Row of the node after."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Refuted:
-    """What the place after a section reports, which does not lie where odometry has it."""
-
-    verdict: Verdict
-    match: Match | None = None
-    """Of the node after, in the frame of the one before; None where two poses are as likely."""
-
-
 def refuted_odometry(
     nodes: LaserNodes, constraints: Sequence[Judged], config: Config
 ) -> list[Judged]:
@@ -96,20 +87,20 @@ def refuted_odometry(
         found = _refutation(replace(nodes, poses=poses), section, start, end, config)
         if found is None:
             continue
-        first = section.motions[0]
-        refuted[first.to_id] = found.verdict
-        if found.verdict.why is Why.DOUBTED:
+        first, (verdict, match) = section.motions[0], found
+        refuted[first.to_id] = verdict
+        if verdict.why is Why.DOUBTED:
             anew.append(in_doubt(first, True))
             continue
-        if found.match is None:
+        if match is None:
             start = section.last
             lost = LaserTracking("lost", 0.0, lost=True)
             anew.append(_measured_anew(first, first.i_from_j, np.diag(UNKNOWN), lost))
             continue
         begins = int(nodes.ids.searchsorted(first.to_id))
         onward = between_planar(poses[begins], poses[section.last])
-        anew.append(_relocalised(first, found.match, onward))
-        there = compose_planar(poses[section.first], found.match.pose)
+        anew.append(_relocalised(first, match, onward))
+        there = compose_planar(poses[section.first], match.pose)
         moved = compose_planar(there, invert_planar(onward))
         poses[begins:] = compose_planar(moved, between_planar(poses[begins], poses[begins:]))
     judged = [
@@ -150,8 +141,11 @@ def _sections(
 
 def _refutation(
     nodes: LaserNodes, section: Section, start: int, end: int, config: Config
-) -> Refuted | None:
-    """What refutes a section's odometry; nodes from row `start` on and up to `end` are known."""
+) -> tuple[Verdict, Match | None] | None:
+    """What refutes a section's odometry; nodes from row `start` on and up to `end` are known.
+
+    And the match of the node after in the one before's frame: None where two poses are as likely.
+    """
     before, after = _around(nodes, section, start, end, config.places.laser_submap)
     if not len(before) or not len(after):
         return None
@@ -165,13 +159,13 @@ def _refutation(
     best = tried[0]
     if best.log_odds <= max(there.log_odds, 0.0) + FAULT_ODDS + NATS * needed_evidence(*_WINDOW):
         likelier = [one for one in tried if one.log_odds_over(there) >= NATS * MARGIN]
-        return Refuted(likelier[0].verdict(Why.DOUBTED, odometry)) if likelier else None
+        return (likelier[0].verdict(Why.DOUBTED, odometry), None) if likelier else None
     verdict = best.verdict(Why.REFUTED, odometry)
     others = [o for o in tried if not are_one(best.pose, o.pose, APART)]
     if any(best.log_odds_over(o) < NATS * MARGIN for o in others):
-        return Refuted(verdict)
+        return verdict, None
     match = match_members(nodes, (a, before), (b, after), best.pose, config)
-    return Refuted(verdict, match if are_one(best.pose, match.pose, APART) else None)
+    return verdict, match if are_one(best.pose, match.pose, APART) else None
 
 
 def _around(

@@ -26,7 +26,7 @@ class OccupancyGrid:
 
     def probabilities(self) -> NDArray[np.float32]:
         """(H, W) occupancy probability; NaN where unknown."""
-        return _probability(self.log_odds)
+        return np.asarray(1.0 / (1.0 + np.exp(-self.log_odds)), np.float32)
 
     def area_m2(self, value: int) -> float:
         """Area of the cells that are free (0), occupied (100) or unknown (-1)."""
@@ -34,16 +34,12 @@ class OccupancyGrid:
 
     def trinary(self) -> NDArray[np.int8]:
         """(H, W) as nav_msgs/OccupancyGrid: 100 occupied, 0 free, -1 unknown."""
+        limits = np.array([self.free_threshold, self.occupied_threshold])
+        free, occupied = np.log(limits / (1.0 - limits)).astype(np.float32)
         cells = np.full(self.log_odds.shape, -1, np.int8)
-        for row, log_odds in zip(cells, self.log_odds, strict=True):  # little is held at once
-            probability = _probability(log_odds)
-            row[probability >= self.occupied_threshold] = 100
-            row[probability <= self.free_threshold] = 0
+        cells[self.log_odds >= occupied] = 100
+        cells[self.log_odds <= free] = 0
         return cells
-
-
-def _probability(log_odds: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.asarray(1.0 / (1.0 + np.exp(-log_odds)), np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

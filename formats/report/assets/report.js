@@ -329,8 +329,8 @@
       });
     });
     const words = document.createElement("p");
-    words.textContent = (timing.built ? `Built ${timing.built}. ` : "") + `${timing.wall_s.toFixed(1)} s for ${timing.duration_s.toFixed(0)} s of ` +
-      `log, ${timing.cpu_s.toFixed(1)} CPU s, ${timing.peak_memory_mb.toFixed(0)} MB at most. ` +
+    words.textContent = (timing.built ? `Built ${timing.built}. ` : "") + `${timing.wall_s.toFixed(1)} s` +
+      (timing.duration_s ? ` for ${timing.duration_s.toFixed(0)} s of log` : "") + `, ${timing.cpu_s.toFixed(1)} CPU s, ${timing.peak_memory_mb.toFixed(0)} MB at most. ` +
       "These figures are of one build on one machine and no part of the map.";
     byId("timing").append(grid, words);
   }

@@ -78,7 +78,9 @@ def small(tmp_path: Path) -> Path:
         store.put("plan", plan | {"warnings": [NASTY], "losses": [NASTY]})
         bad_wheel = {"good": False, "text": "0.9 of the distance", "suggestion": NASTY}
         store.put("diagnosis", [{"good": True, "text": NASTY, "suggestion": ""}, bad_wheel])
-        page = report_html(report_contents(store))
+        stage = {"name": NASTY, "wall_s": 1.0, "cpu_s": 1.0, "peak_memory_mb": 1.0, "rounds": 1}
+        merged = {**stage, "stages": [stage]}  # of which no log's duration is known
+        page = report_html(replace(report_contents(store), timing=merged))
     (tmp_path / "map.html").write_text(page)
     return tmp_path / "map.html"
 

@@ -20,14 +20,20 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.graph.solved_graph import solve
-from mapmyworld.places.laser_candidates import EVERYWHERE, candidate_pairs, lost_pairs, untied
+from mapmyworld.places.laser_candidates import (
+    EVERYWHERE,
+    candidate_pairs,
+    lost_pairs,
+    pairs_about,
+    untied,
+)
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import calm_spots, held_by, laser_nodes
 from mapmyworld.places.laser_submaps import submap_members
 from mapmyworld.places.path_drift import PathDrift, stated_variances
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.registration.scan_search import POINTS
-from mapmyworld.types import ConstraintKind, ImageMatch, Judged, ScanMatch, Why
+from mapmyworld.types import ConstraintKind, ImageMatch, Judge, Judged, ScanMatch, Verdict, Why
 from mapmyworld.types.wording import reason_of
 
 CONFIG = Config()
@@ -217,6 +223,33 @@ def test_a_drive_that_comes_back_after_500_m_of_drift_is_closed() -> None:
     error = between_planar(truth, matrix_to_planar(solved.poses.map_from_node))[98:]
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.05
     assert np.abs(error[:, 2]).max() < 0.01
+
+
+def test_about_a_likely_pair_its_neighbours_are_compared() -> None:
+    """Believed 18 m off; a pair with more evidence than chance, and too little, says where."""
+    truth = two_visits()
+    believed = truth.copy()
+    believed[98:] = compose_planar([14.0, -11.0, np.radians(60.0)], truth[98:])
+    ids = np.arange(len(truth), dtype=np.int64)
+    nodes = laser_nodes(ids, scan_set([]), believed, drifting(len(truth), at=98, metres=10.0))
+    nodes = replace(nodes, path=nodes.path + 500.0 * (np.arange(len(truth)) >= 98))
+
+    def about(evidence: float, why: Why = Why.LITTLE_EVIDENCE) -> list[tuple[int, int]]:
+        numbers = {"evidence": evidence, "limit": 80.0}
+        pose = planar_to_matrix(between_planar(truth[10], truth[112]))
+        found = Judged(
+            10, 112, ConstraintKind.LOOP_CLOSURE, pose, np.eye(6),
+            verdicts=(Verdict(Judge.LASER, False, why, numbers),),
+        )  # fmt: skip
+        return pairs_about(nodes, [found], CONFIG)
+
+    pairs = np.array(about(65.0))
+    assert len(np.unique(pairs[:, 1])) >= 2
+    apart = truth[pairs[:, 0], :2] - truth[pairs[:, 1], :2]
+    assert (np.hypot(*apart.T) < 1.5).all()
+    assert (pairs[:, 0] < 98).all()
+    assert (pairs[:, 1] >= 98).all()
+    assert about(55.0) == about(65.0, Why.NOTHING_IN_COMMON) == []
 
 
 def drive(believed: NDArray[np.float64]) -> list[Judged]:

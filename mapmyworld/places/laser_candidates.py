@@ -11,8 +11,10 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import Index
+from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 from mapmyworld.places.laser_nodes import LaserNodes, calm_spots
-from mapmyworld.types import Judged, ScanMatch
+from mapmyworld.registration.scan_search import MARGIN
+from mapmyworld.types import Judged, ScanMatch, Why
 
 Pairs = list[tuple[int, int]]
 FIRST_WINDOW = 15.0
@@ -68,6 +70,31 @@ def lost_pairs(nodes: LaserNodes, config: Config) -> list[tuple[int, int]]:
         worth = near[(drift > NEAR) & (apart < size + drift)]
         pairs += [(int(k), later) for k in worth[:: max(math.ceil(len(worth) / MOST), 1)]]
     return pairs
+
+
+def pairs_about(nodes: LaserNodes, closures: Sequence[Judged], config: Config) -> Pairs:
+    """(earlier, later) indices of visits of one place if one of some `closures` is right.
+
+    Of those with too little evidence, but more than chance has: what a place shows depends on where
+    it was seen from. So their neighbours are compared as well, up to half a submap along the path.
+    """
+    size, row = config.places.laser_submap, {int(i): k for k, i in enumerate(nodes.ids)}
+    spots = calm_spots(nodes, config.places.laser_far_spacing)
+    pairs: set[tuple[int, int]] = set()
+    for closure in closures:
+        verdict, a, b = closure.verdicts[-1], row[closure.from_id], row[closure.to_id]
+        likely = verdict.why is Why.LITTLE_EVIDENCE
+        if not likely or verdict.numbers["evidence"] < verdict.numbers["limit"] - MARGIN:
+            continue
+        way = np.abs(nodes.path[spots, None] - nodes.path[[a, b]])
+        earlier, later = spots[way[:, 0] <= 2.0 * size], spots[way[:, 1] <= size]
+        seen_from_b = between_planar(nodes.poses[b], nodes.poses[later])
+        here = compose_planar(matrix_to_planar(closure.i_from_j), seen_from_b)
+        there = between_planar(nodes.poses[a], nodes.poses[earlier])
+        apart, nearest = cKDTree(there[:, :2]).query(here[:, :2])
+        near = (apart < NEAR) & (earlier[nearest] < later)
+        pairs |= set(zip(earlier[nearest[near]].tolist(), later[near].tolist(), strict=True))
+    return sorted(pairs)
 
 
 def _nearest_of_revisits(near: Index, apart: NDArray[np.float64], most: int) -> list[int]:

@@ -25,6 +25,7 @@ from mapmyworld.places.laser_candidates import (
     candidate_pairs,
     drift_window,
     lost_pairs,
+    pairs_about,
     untied,
 )
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, held_by, nodes_at
@@ -114,7 +115,10 @@ def find_laser_closures(
         known |= {(c.from_id, c.to_id) for c in found}
         lost = untried(lost_pairs(wide, config))
         progress.stage("loop closures by laser", len(lost), "pairs")
-        found += compare_places(wide, lost, config, EVERYWHERE)
+        compared = compare_places(wide, lost, config, EVERYWHERE)
+        known |= {(c.from_id, c.to_id) for c in compared}
+        about = untried(pairs_about(wide, compared, config))
+        found += [*compared, *compare_places(wide, about, config, EVERYWHERE)]
     return found
 
 

@@ -13,12 +13,13 @@ from mapmyworld.alignment.joint_covariance import (
     as_contradicted,
     of_anchors,
     shape_covariances,
+    without_unmatched,
 )
 from mapmyworld.alignment.laser_pairs import ComparedScans
 from mapmyworld.api import Silent
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.residuals import retract
-from mapmyworld.backend.system import System
+from mapmyworld.backend.system import System, chosen_edges
 from mapmyworld.config import Config
 from mapmyworld.evaluation.nees import map_nees, nees
 from mapmyworld.evaluation.trajectory_error import ate
@@ -115,6 +116,28 @@ def test_pairs_are_as_confident_as_they_agree() -> None:
     assert np.array_equal(scaled[0], stated[0])
     agree = 1e6 * (1 - 3 * 39 / (3 * pairs))
     assert np.median(scaled[1:, 0, 0]) == pytest.approx(agree * 39 / pairs, rel=0.2)
+
+
+def test_pairs_across_a_motion_that_nothing_matched_make_no_pose_certain() -> None:
+    """Claimed before: 0.2 degrees, where odometry alone knows 1 and pairs fit by chance."""
+    poses = np.cumsum(np.tile([1.0, 0.0, 0.0], (6, 1)), axis=0)
+    pairs = np.array([(k, k + 1) for k in range(5)] + [(1, 3), (0, 5)])
+    tails, heads = np.concatenate([pairs[:5], pairs]).T
+    stated = np.tile(np.diag([1e2, 1e2, np.radians(1.0) ** -2]), (len(tails), 1, 1))
+    stated[5:] = 1e6 * np.eye(3) + FAINT * np.eye(3)
+    system = System(True, tails, heads, poses[heads] - poses[tails], stated, np.arange(6) - 1)
+    blind = np.array([0, 0, 0, 1, 1, 1])  # from the third to the fourth
+    known, left = without_unmatched(system, len(pairs), blind, 4)
+    assert left == 5  # the visit five scans later is compared
+    assert not any(((known.tails == a) & (known.heads == b))[5:].any() for a, b in [(1, 3), (2, 3)])
+    np.testing.assert_array_equal(known.tails[:5], tails[:5])
+    alone, none_left = without_unmatched(chosen_edges(system, np.arange(11)), 6, blind, 4)
+    assert none_left == 4
+    spread = marginal_covariances(alone, poses)
+    assert spread is not None
+    turned = np.degrees(np.sqrt(spread[:, 2, 2]))
+    assert turned[2] < 0.1
+    assert (turned[3:] > 0.9).all()
 
 
 def test_visits_that_no_edge_ties_are_not_compared() -> None:

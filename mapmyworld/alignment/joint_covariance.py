@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.backend.connected_components import first_nodes
 from mapmyworld.backend.information import NotPositiveDefiniteError
-from mapmyworld.backend.system import System, believed_edges, edge_chi2
-from mapmyworld.geometry import Array
+from mapmyworld.backend.system import System, believed_edges, chosen_edges, edge_chi2
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, planar_adjoint
 from mapmyworld.geometry.rigid import transported
 from mapmyworld.graph.covariance import relative_covariances
@@ -42,6 +42,21 @@ def as_contradicted(joint: System, pairs: int, poses: Array) -> System:
     factor *= max(1.0, pairs / max(1, int(np.count_nonzero(joint.free[scans] >= 0))))
     information[-pairs:] = stated / factor + FAINT * np.eye(3)
     return replace(joint, information=information)
+
+
+def without_unmatched(joint: System, pairs: int, blind: Index, ahead: int) -> tuple[System, int]:
+    """The system without some of its last `pairs`, and how many of these it has left.
+
+    Left out are those between scans of one visit, up to `ahead` apart, where odometry alone
+    measured a motion: `blind` (S,) counts such motions before each scan. Tracking found nothing
+    there that fits. Points that lie near each other all the same draw poses as they may, but
+    whether they are of one surface nothing shows.
+    """
+    others = len(joint.tails) - pairs
+    ends = np.stack([joint.tails[others:], joint.heads[others:]])
+    unmatched = (np.diff(blind[ends], axis=0) > 0) & (np.diff(ends, axis=0) <= ahead)
+    kept = np.append(np.ones(others, np.bool_), ~unmatched[0])
+    return chosen_edges(joint, kept), int(kept[others:].sum())
 
 
 def are_known_within(

@@ -16,6 +16,7 @@ from mapmyworld.alignment.joint_covariance import (
     carried,
     of_anchors,
     shape_covariances,
+    without_unmatched,
 )
 from mapmyworld.alignment.joint_system import (
     NOTHING,
@@ -24,7 +25,7 @@ from mapmyworld.alignment.joint_system import (
     node_motions,
     step_covariances,
 )
-from mapmyworld.alignment.laser_pairs import ComparedScans, among_first_revisits
+from mapmyworld.alignment.laser_pairs import AHEAD, ComparedScans, among_first_revisits
 from mapmyworld.backend.block_matrix import diagonals
 from mapmyworld.backend.system import System
 from mapmyworld.config import Config
@@ -203,9 +204,12 @@ def _rounds(
     joint = _as_stated(found.joint, stated)
     every, residual = found.poses, found.residual
     own = shape_covariances(task.scans, residual)
-    known = np.median(own.diagonal(0, 1, 2), axis=0)
-    own += diagonals(sweep_variances(task.nodes, task.frames, known, settings)[task.chosen])
-    spread = marginal_covariances(as_contradicted(joint, found.pairs, every), every)
+    noise = np.median(own.diagonal(0, 1, 2), axis=0)
+    own += diagonals(sweep_variances(task.nodes, task.frames, noise, settings)[task.chosen])
+    alone = {c.to_id for c in task.constraints if c.is_unmatched}
+    blind = np.cumsum([node.id in alone for node in task.nodes])[task.chosen]
+    known, pairs = without_unmatched(joint, found.pairs, blind, AHEAD)
+    spread = marginal_covariances(as_contradicted(known, pairs, every), every)
     anchors = np.zeros(0, np.int64)
     if spread is not None and not held.any():
         spread = spread + of_anchors(found.joint, own, every)

@@ -16,6 +16,7 @@ from mapmyworld.alignment.joint_covariance import (
     without_unmatched,
 )
 from mapmyworld.alignment.laser_pairs import ComparedScans
+from mapmyworld.alignment.laser_refinement import refine_poses
 from mapmyworld.api import Silent
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.residuals import retract
@@ -24,16 +25,22 @@ from mapmyworld.config import Config
 from mapmyworld.evaluation.nees import map_nees, nees
 from mapmyworld.evaluation.trajectory_error import ate
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import compose_planar, covariance_from_planar, planar_to_matrix
+from mapmyworld.geometry.planar import (
+    compose_planar,
+    covariance_from_planar,
+    information_from_planar,
+    planar_to_matrix,
+)
 from mapmyworld.graph.covariance import marginal_covariances
 from mapmyworld.kernels.laser_motion import FAINT
 from mapmyworld.kernels.wheel_model import learn, new_wheels, reckon
 from mapmyworld.memory_log import MemoryLog
 from mapmyworld.odometry.sweep_noise import sweep_variances
 from mapmyworld.pipeline import build_map
+from mapmyworld.places.laser_nodes import load_node_scans
 from mapmyworld.registration.scan_matching import ScanSet
 from mapmyworld.simulation import SimulationSettings, simulate
-from mapmyworld.types import Node, TrackedFrames, Trajectory
+from mapmyworld.types import ConstraintKind, LaserTracking, Node, TrackedFrames, Trajectory
 
 LASER_ONLY = replace(
     SimulationSettings(),
@@ -138,6 +145,28 @@ def test_pairs_across_a_motion_that_nothing_matched_make_no_pose_certain() -> No
     turned = np.degrees(np.sqrt(spread[:, 2, 2]))
     assert turned[2] < 0.1
     assert (turned[3:] > 0.9).all()
+
+
+def test_behind_a_motion_that_nothing_matched_poses_are_as_uncertain_as_odometry() -> None:
+    recording = simulate("corridor", seed=31, laps=1, settings=LASER_ONLY)
+    store, config = MemoryMap(), Config()
+    build_map(MemoryLog(list(recording.messages())), store, config, Silent())
+    frames, poses, loaded = store.tracked_frames(), store.poses(), load_node_scans(store, config)
+    assert poses is not None
+    motions = [c for c in store.constraints() if c.kind is ConstraintKind.NEIGHBOUR]
+    middle = motions[len(motions) // 2]
+    one_degree = information_from_planar(np.diag([100.0, 100.0, np.radians(1.0) ** -2]))
+    by_odometry = LaserTracking("odometry only", 0.1)
+    blind = replace(middle, source=by_odometry, information=one_degree)
+    turned = []
+    for one in (middle, blind):
+        known = [one if c is middle else c for c in motions]
+        refined = refine_poses(frames, poses, known, config, Silent(), loaded)
+        assert refined is not None
+        assert refined.poses.covariances is not None
+        turned.append(np.degrees(np.sqrt(refined.poses.covariances[-1, 2, 2])))
+    assert turned[0] < 0.5
+    assert turned[1] > 0.9
 
 
 def test_visits_that_no_edge_ties_are_not_compared() -> None:

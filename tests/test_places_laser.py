@@ -10,7 +10,9 @@ from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 from sample_verdicts import REJECTED
 
+from formats.database import MemoryMap
 from mapmyworld.alignment.laser_pairs import among_first_revisits, neighbour_pairs
+from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
     between_planar,
@@ -20,6 +22,7 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.graph.solved_graph import solve
+from mapmyworld.places import laser_closures
 from mapmyworld.places.laser_candidates import (
     EVERYWHERE,
     candidate_pairs,
@@ -28,12 +31,22 @@ from mapmyworld.places.laser_candidates import (
     untied,
 )
 from mapmyworld.places.laser_closures import compare_places
-from mapmyworld.places.laser_nodes import calm_spots, held_by, laser_nodes
+from mapmyworld.places.laser_nodes import NodeScans, calm_spots, held_by, laser_nodes
 from mapmyworld.places.laser_submaps import submap_members
 from mapmyworld.places.path_drift import PathDrift, stated_variances
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.registration.scan_search import POINTS
-from mapmyworld.types import ConstraintKind, ImageMatch, Judge, Judged, ScanMatch, Verdict, Why
+from mapmyworld.types import (
+    ConstraintKind,
+    ImageMatch,
+    Judge,
+    Judged,
+    Node,
+    Poses,
+    ScanMatch,
+    Verdict,
+    Why,
+)
 from mapmyworld.types.wording import reason_of
 
 CONFIG = Config()
@@ -250,6 +263,40 @@ def test_about_a_likely_pair_its_neighbours_are_compared() -> None:
     assert (pairs[:, 0] < 98).all()
     assert (pairs[:, 1] >= 98).all()
     assert about(55.0) == about(65.0, Why.NOTHING_IN_COMMON) == []
+
+
+def test_a_likely_pair_is_followed_by_its_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever is compared shows the right pose, and one point too little evidence for it."""
+    truth = two_visits()
+    believed = truth.copy()
+    believed[98:] = compose_planar([14.0, -11.0, np.radians(60.0)], truth[98:])
+    matrices, count = planar_to_matrix(believed), len(truth)
+    nodes = [Node(k, 1, k, pose, pose) for k, pose in enumerate(matrices)]
+    variances = drifting(count, at=98, metres=10.0, radians=1.0)
+    sees, faults = np.ones(count, np.bool_), np.zeros((count, 2))
+    loaded = NodeScans(nodes, scan_set([]), variances, sees, faults)
+    asked: list[list[tuple[int, int]]] = []
+
+    def compared(_: object, pairs: list[tuple[int, int]], *given: object) -> list[Judged]:
+        if not pairs or EVERYWHERE not in given:
+            return []
+        asked.append(pairs)
+        verdict = Verdict(
+            Judge.LASER, False, Why.LITTLE_EVIDENCE, {"evidence": 79.0, "limit": 80.0}
+        )
+        poses = planar_to_matrix(between_planar(*(truth[np.array(pairs)[:, k]] for k in (0, 1))))
+        return [
+            Judged(a, b, ConstraintKind.LOOP_CLOSURE, pose, np.eye(6), verdicts=(verdict,))
+            for (a, b), pose in zip(pairs, poses, strict=True)
+        ]
+
+    monkeypatch.setattr(laser_closures, "compare_places", compared)
+    poses = Poses(np.arange(count), matrices)
+    laser_closures.find_laser_closures(MemoryMap(), poses, CONFIG, Silent(), loaded)
+    lost, about = asked[:2]
+    apart = np.hypot(*(truth[[a for a, _ in about], :2] - truth[[b for _, b in about], :2]).T)
+    assert not set(lost) & set(about)
+    assert (apart < 1.5).all()
 
 
 def drive(believed: NDArray[np.float64]) -> list[Judged]:

@@ -15,7 +15,7 @@ from mapmyworld.places.stored_scans import BLOCK
 from mapmyworld.registration.scan_matching import FINE
 
 _IN_TIME = (1, 2, 4, 8, 12)  # scans ahead that each scan is compared with
-AHEAD = max(_IN_TIME)
+AHEAD = max(_IN_TIME)  # to the farthest of one visit
 _GAP = 9  # scans between two that are of different visits
 _SAME_PLACE, _SAME_HEADING = 0.5, 0.5  # m and rad within which a place is visited again
 

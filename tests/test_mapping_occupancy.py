@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mapmyworld.config import Config, MappingConfig
 from mapmyworld.config.settings import apply_settings
 from mapmyworld.errors import MapError
-from mapmyworld.kernels.rays import count_scans
+from mapmyworld.kernels.rays import clear_passed, count_scans
 from mapmyworld.mapping.occupancy import build_grid, log_odds_in_place
 from mapmyworld.types import OccupancyGrid, Scan
 
@@ -88,6 +88,9 @@ def test_a_ray_visits_the_cells_that_it_crosses(x0: float, y0: float, x1: float,
     assert wanted <= found | {(int(y1), int(x1))}
     assert len(found) <= max(length, 0)
     assert hits.sum() == 1
+    cells = np.full((20, 20), 7, np.uint8)
+    clear_passed(cells, start, end, np.array([0, 1]))
+    assert np.array_equal(cells == 0, passes > 0)
 
 
 def test_the_order_of_scans_does_not_matter_and_the_canvas_grows_to_all_sides() -> None:

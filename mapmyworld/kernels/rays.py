@@ -40,6 +40,32 @@ def count_scans(
             _pass_through(counts, marks, mark, starts[s, 0], starts[s, 1], ends[k, 0], ends[k, 1])
 
 
+@jit
+def clear_passed(
+    cells: NDArray[np.uint8],
+    starts: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    bounds: NDArray[np.int64],
+) -> None:
+    """Sets to 0 all `cells` (H, W) that rays pass through.
+
+    Rays lead from `starts` (S, 2) to `ends` (N, 2), `bounds` (S + 1,), as those of `count_scans`.
+    """
+    for s in range(len(starts)):
+        for k in range(bounds[s], bounds[s + 1]):
+            ray = _ray(starts[s, 0], starts[s, 1], ends[k, 0], ends[k, 1])
+            column, row, step_x, step_y, next_x, next_y, grow_x, grow_y, left = ray
+            while left > 0:
+                cells[row, column] = 0
+                if next_x < next_y:
+                    column += step_x
+                    next_x += grow_x
+                else:
+                    row += step_y
+                    next_y += grow_y
+                left -= 1
+
+
 @inner_jit
 def _pass_through(
     counts: NDArray[np.uint16],
@@ -50,17 +76,8 @@ def _pass_through(
     x1: float,
     y1: float,
 ) -> None:
-    column, row = int(x0), int(y0)
-    last_column, last_row = int(x1), int(y1)
-    dx, dy = x1 - x0, y1 - y0
-    step_x = 1 if dx > 0 else -1
-    step_y = 1 if dy > 0 else -1
-    # Share of the ray at which it next crosses a vertical and a horizontal line of the lattice.
-    next_x = math.inf if dx == 0 else ((column + (step_x > 0)) - x0) / dx
-    next_y = math.inf if dy == 0 else ((row + (step_y > 0)) - y0) / dy
-    grow_x = math.inf if dx == 0 else step_x / dx
-    grow_y = math.inf if dy == 0 else step_y / dy
-    left = abs(last_column - column) + abs(last_row - row)
+    ray = _ray(x0, y0, x1, y1)
+    column, row, step_x, step_y, next_x, next_y, grow_x, grow_y, left = ray
     while left > 0:
         if marks[row, column] != mark:
             marks[row, column] = mark
@@ -73,3 +90,23 @@ def _pass_through(
             row += step_y
             next_y += grow_y
         left -= 1
+
+
+@inner_jit
+def _ray(
+    x0: float, y0: float, x1: float, y1: float
+) -> tuple[int, int, int, int, float, float, float, float, int]:
+    """Where a ray begins: its first cell, the steps to the next ones, the share of the ray at which
+    it next crosses a vertical and a horizontal line of the lattice, and by how much these grow; and
+    how many cells it passes.
+    """
+    column, row = int(x0), int(y0)
+    dx, dy = x1 - x0, y1 - y0
+    step_x = 1 if dx > 0 else -1
+    step_y = 1 if dy > 0 else -1
+    next_x = math.inf if dx == 0 else ((column + (step_x > 0)) - x0) / dx
+    next_y = math.inf if dy == 0 else ((row + (step_y > 0)) - y0) / dy
+    grow_x = math.inf if dx == 0 else step_x / dx
+    grow_y = math.inf if dy == 0 else step_y / dy
+    left = abs(int(x1) - column) + abs(int(y1) - row)
+    return column, row, step_x, step_y, next_x, next_y, grow_x, grow_y, left

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, transform_points_planar
 from mapmyworld.kernels.branch_and_bound import RESOLUTION, SIDE, SQUARE, UNSEEN, best_shift
-from mapmyworld.kernels.rays import count_scans
+from mapmyworld.kernels.rays import clear_passed
 from mapmyworld.registration.likelihood_grid import LikelihoodGrid
 from mapmyworld.registration.scan_matching import ScanSet
 from mapmyworld.types import OccupancyGrid
@@ -102,10 +102,8 @@ def evidence_grid(submap: Submap) -> LikelihoodGrid:
     width, height = cells.max(axis=0, initial=SQUARE) + 3 + SQUARE
     edge = np.array([width, height]) - 1e-3
     starts = np.clip((submap.origins - corner) / RESOLUTION + SQUARE, 0.0, edge)
-    counts = np.zeros((height, width, 2), np.uint16)
-    marks = np.zeros((height, width), np.uint8)
-    count_scans(counts, marks, starts, ends, np.ones(len(ends), np.bool_), submap.bounds)
-    found = np.where(counts[:, :, 1] > 0, np.uint8(0), np.uint8(UNSEEN))
+    found = np.full((height, width), UNSEEN, np.uint8)
+    clear_passed(found, starts, ends, submap.bounds)
     return LikelihoodGrid.of(found, cells, corner)
 
 

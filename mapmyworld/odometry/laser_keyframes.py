@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -88,10 +89,29 @@ class Keyframes:
         `max_distances` (R,) as of `align`; `settings` (9,) are those of `track_scans`, of which
         the variance factor is learnt.
         """
-        return match_scan(
-            scan, *self.targets(), guess, replace(self._matching, correlation=float(settings[2])),
-            prior_information=information, max_distances=max_distances,
-        )  # fmt: skip
+        return self.matches(scan, [guess], information, max_distances, settings)[0]
+
+    def matches(
+        self,
+        scan: PreparedScan,
+        guesses: Sequence[Array],
+        information: Array,
+        max_distances: Array,
+        settings: Array,
+    ) -> list[Match]:
+        """The same from each of some `guesses` (3,).
+
+        `information` (3, 3), `max_distances` (R,) and `settings` (9,) as of `match`.
+        """
+        targets, poses = self.targets()
+        config = replace(self._matching, correlation=float(settings[2]))
+        return [
+            match_scan(
+                scan, targets, poses, guess, config,
+                prior_information=information, max_distances=max_distances,
+            )
+            for guess in guesses
+        ]  # fmt: skip
 
     def is_new(self, match: Match, settings: Array) -> bool:
         """Whether a scan matched so is about to join; `settings` (9,) as of `track_scans`."""

@@ -96,7 +96,7 @@ def likeliest_match(
         beyond_chance += its_prior / NATS
     fits = beyond_chance >= 0.0 and _has_points(first, scan)
     best, most = (first, 0.0) if fits else (None, 0.0)
-    for match in (keyframes.match(scan, s, _WEAK_PRIOR, COARSE, settings) for s in starts):
+    for match in keyframes.matches(scan, starts, _WEAK_PRIOR, COARSE, settings):
         other = place.agreement_with(view, match.pose)
         if other.evidence < needed or not _has_points(match, scan):
             continue

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, fields
+from dataclasses import fields
 from typing import Any, get_args
 
 import numpy as np
@@ -93,7 +93,7 @@ def constraint_rows(numbered: Iterable[tuple[int, int, Constraint]]) -> Iterator
             np.asarray(c.i_from_j, "<f8").tobytes(),
             np.asarray(c.information, "<f8").tobytes(),
             type(c.source).__name__,
-            json.dumps(asdict(c.source)),
+            json.dumps({item.name: getattr(c.source, item.name) for item in fields(c.source)}),
         )
 
 

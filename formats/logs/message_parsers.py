@@ -74,10 +74,11 @@ def _whole(message: Any, end: int, size: int) -> Any:
 @lru_cache(maxsize=256)  # to make the code that reads a type takes some milliseconds
 def _ros_parser(encoding: str, type_name: str, schema_encoding: str, schema: bytes) -> Parse | None:
     """By the recorded definition, or the standard one where that cannot be read."""
-    store = standard_store(encoding)
+    store = None
     if schema.strip():
         with suppress(Exception):  # everything is raised at a text that is no definition
             store = recorded_store(Channel("", type_name, encoding, schema_encoding, schema))
+    store = store or standard_store(encoding)
     known = type_name in store.types
     return partial(_parse_ros, store, type_name, encoding == "ros1") if known else None
 

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from mapmyworld.kernels.laser_motion import innovation
 from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, reckoned_variances
 
-SHARE, FLOOR = 0.2, 0.02
 STEP = np.array([0.15, 0.0, 0.0])
 SEEN = np.diag([1e6, 1e6, 1e7])  # information of a good match
 
@@ -17,8 +16,8 @@ def _seen(wheels: NDArray[np.float64], rotation: float) -> None:
     """One more keyframe, at which wheels report a rotation that no scan shows."""
     anchor(wheels, np.zeros(3))
     reckon(wheels, np.array([STEP[0], 0.0, rotation]))
-    variances = reckoned_variances(wheels, SHARE, FLOOR)
-    learn(wheels, innovation(wheels[8:11], STEP, SEEN, variances), variances, SHARE, False)
+    variances = reckoned_variances(wheels)
+    learn(wheels, innovation(wheels[8:11], STEP, SEEN, variances), variances, False)
 
 
 def test_wheels_that_slip_teach_no_more_than_the_largest_error() -> None:
@@ -43,8 +42,39 @@ def test_noise_of_wheels_is_no_rotation_that_they_measure_wrong() -> None:
         reached = np.array([STEP[0], 0.0, turned])
         anchor(wheels, np.zeros(3))
         reckon(wheels, reached + np.array([0.0, 0.0, random.normal(0.0, 0.03)]))
-        variances = reckoned_variances(wheels, SHARE, FLOOR)
+        variances = reckoned_variances(wheels)
         seen = innovation(wheels[8:11], reached, SEEN, variances)
-        learn(wheels, seen, variances, SHARE, False)
+        learn(wheels, seen, variances, False)
     assert abs(wheels[4]) < 3.0 * np.sqrt(wheels[7])
     assert np.sqrt(wheels[7]) < 0.025
+
+
+def test_noise_adds_up_with_the_path_and_a_wrong_scale_with_its_square() -> None:
+    """Four times the way without a keyframe is twice as uncertain, not four times."""
+    once, often = new_wheels(), new_wheels()
+    for wheels, steps in ((once, 20), (often, 80)):
+        wheels[:2], wheels[5:8] = 1e-3, 0.0
+        for _ in range(steps):
+            reckon(wheels, STEP)
+    ratio = reckoned_variances(often) / reckoned_variances(once)
+    np.testing.assert_allclose(ratio, 4.0, rtol=0.05)
+    for wheels in (once, often):
+        wheels[:2], wheels[5:8] = 1e-9, 1e-3
+    ratio = reckoned_variances(often) / reckoned_variances(once)
+    np.testing.assert_allclose(ratio, 16.0, rtol=0.05)
+
+
+def test_noise_that_is_learnt_is_what_wheels_have_however_far_keyframes_lie() -> None:
+    """Wheels of 0.02 m and 0.5 degrees over a metre, seen by scans 0.5 and 2 m apart."""
+    for apart in (0.5, 2.0):
+        wheels, random = new_wheels(), np.random.default_rng(7)
+        stated = []
+        for _ in range(2000):
+            reached = np.array([apart, 0.0, 0.0])
+            sigmas = np.sqrt(apart) * np.array([0.02, 0.02, np.radians(0.5)])
+            anchor(wheels, np.zeros(3))
+            reckon(wheels, reached + random.normal(0.0, sigmas))
+            variances = reckoned_variances(wheels)
+            stated.append(variances / sigmas**2)
+            learn(wheels, innovation(wheels[8:11], reached, SEEN, variances), variances, False)
+        np.testing.assert_allclose(np.median(stated[200:], axis=0), 1.0, rtol=0.2)

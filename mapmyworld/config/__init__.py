@@ -56,8 +56,6 @@ class OdometryConfig:
 
     keyframe_distance: FromZero = 0.15  # m of motion after which a scan or image is a keyframe
     keyframe_angle: Positive = 0.2  # rad of rotation after which a scan or image is a keyframe
-    relative_noise: Positive = 0.2  # m per m and rad per rad, noise of recorded motion at first
-    absolute_noise: Positive = 0.02  # m, and half as many rad, noise of any recorded motion
     contradiction: Positive = 4.0  # sigmas between odometry and match at which odometry is ignored
     least_overlap: Share = 0.55  # share of a scan that the submap explains, below which it searches
     search_distance: FromZero = 0.8  # m to each side that such a search covers

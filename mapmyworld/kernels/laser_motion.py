@@ -30,16 +30,13 @@ def between_poses(a: Array, b: Array) -> Array:
 
 
 @jit
-def motion_variances(step: Array, share: float, floor: float, scales: Array) -> Array:
-    """Variances (3,), m^2 and rad^2, of a recorded `step` (3,), x, y, yaw: a share, and a floor.
-
-    `scales` (2,) are the factors on the variances of position and heading that the log showed.
-    """
+def motion_variances(step: Array, share: float, floor: float) -> Array:
+    """Variances (3,), m^2 and rad^2, of a `step` (3,), x, y, yaw: a share of it, and a floor."""
     distance, angle = np.hypot(step[0], step[1]), abs(step[2])
     along = share * distance + 0.2 * share * angle
     turn = share * angle + 0.3 * share * distance
-    position = floor * floor + along * along * scales[0]
-    return np.array([position, position, 0.25 * floor * floor + turn * turn * scales[1]])
+    position = floor * floor + along * along
+    return np.array([position, position, 0.25 * floor * floor + turn * turn])
 
 
 @jit

@@ -33,10 +33,10 @@ def explains(state: Array, overlap: float, settings: Array, has_odometry: bool) 
 
     Expected is what it explained of the scans before: a match that shares a wall or two with the
     right one explains far less than those do. Without odometry no measurement has led there, and
-    a closer look has none to go by. `state` (8,) and `settings` (9,) are those of `track_scans`.
+    a closer look has none to go by. `state` (8,) and `settings` (7,) are those of `track_scans`.
     """
     missing = max(state[6] - overlap, 0.0) if has_odometry else 0.0
-    return bool(overlap >= settings[6] and missing * missing <= settings[5] * state[7])
+    return bool(overlap >= settings[4] and missing * missing <= settings[3] * state[7])
 
 
 @jit
@@ -120,7 +120,7 @@ def match_keyframes(
     The scan is `rows[first:last]`, `rows` (N, 6). The ring has `key_rows` (K, P, 6), `key_counts`
     (K,), `key_origins` (K, 2), `key_poses` (K, 3), as of `remember_scan`; `which` (B,) are slots.
     The `predicted` pose (3,) has information `known`, the match `information`, (3, 3) both.
-    `max_distances` (R,) as of `align`, `settings` (9,) of `track_scans`.
+    `max_distances` (R,) as of `align`, `settings` (7,) of `track_scans`.
     """
     capacity = key_rows.shape[1]
     starts, ends = np.empty(len(key_counts), np.int64), np.empty(len(key_counts), np.int64)
@@ -151,7 +151,7 @@ def learn_matching(
     Aligned with each alone, the scan comes out at two poses; these differ by what their covariances
     indicate, times the factor. The scan is `rows[first:last]` (N, 6) at `pose` (3,); the ring has
     `key_rows` (K, P, 6), `key_counts` (K,), `key_origins` (K, 2), `key_poses` (K, 3), as of
-    `remember_scan`; `which` (B,) are slots. `max_distances` (R,) as of `align`, `settings` (9,) of
+    `remember_scan`; `which` (B,) are slots. `max_distances` (R,) as of `align`, `settings` (7,) of
     `track_scans`.
     """
     if len(which) < 2:
@@ -210,10 +210,10 @@ def track_scans(
     (K, P, 6), `key_counts` (K,), `key_origins` (K, 2), `key_poses` (K, 3) and `keys` (2,), is that
     of `remember_scan`; a scan is aligned with keyframes `back` (M,) places, by `max_distances` (R,)
     as of `align`. `state` (8,) is the pose, the last step, mean and variance of overlaps, `wheels`
-    (15,) the model of the odometry, `steps` (6,) that of a robot without; `settings` (9,) are
-    residual share, sigma of a range, correlation, share and floor of the motion model, limits of
-    NIS and overlap, keyframe distance and angle. Fills `out` (B, 7): pose, overlap, NIS, metres
-    moved, weak (1 or 0); and `covariances` (B, 3, 3) of the steps.
+    (15,) the model of the odometry, `steps` (6,) that of a robot without; `settings` (7,) are
+    residual share, sigma of a range, correlation, limits of NIS and overlap, keyframe distance and
+    angle. Fills `out` (B, 7): pose, overlap, NIS, metres moved, weak (1 or 0); and `covariances`
+    (B, 3, 3) of the steps.
     """  # fmt: skip
     found, predicted, pose = np.zeros(11), np.empty(3), np.empty(3)
     information, known = np.zeros((3, 3)), np.zeros((3, 3))
@@ -226,7 +226,7 @@ def track_scans(
             reckon(wheels, recorded[k])
             for i in range(3):
                 predicted[i] = wheels[8 + i]
-            variances = reckoned_variances(wheels, settings[3], settings[4])
+            variances = reckoned_variances(wheels)
         else:
             before = wheels
             c, s = np.cos(state[2]), np.sin(state[2])
@@ -244,7 +244,7 @@ def track_scans(
         for i in range(3):
             pose[i] = found[i]
         innovations = innovation(predicted, pose, information, variances)
-        if innovations[6] > settings[5] or not explains(state, found[9], settings, has_odometry):
+        if innovations[6] > settings[3] or not explains(state, found[9], settings, has_odometry):
             for i in range(8, 15):
                 wheels[i] = before[i]
             return k
@@ -253,7 +253,7 @@ def track_scans(
         if not has_odometry:
             learn_step(steps, moved, state[3:6], information, variances, out[k, 6] > 0.0)
         total = step_covariance(
-            moved, information, variances, settings[7], settings[8], has_odometry
+            moved, information, variances, settings[5], settings[6], has_odometry
         )
         for i in range(3):
             for j in range(3):
@@ -261,16 +261,16 @@ def track_scans(
             out[k, i], state[i], state[3 + i] = pose[i], pose[i], moved[i]
         out[k, 3], out[k, 4], out[k, 5] = found[9], innovations[6], np.hypot(moved[0], moved[1])
         learn_overlap(state, found[9])
-        if is_new(pose, found[9], settings[7], settings[8], key_poses, keys):
+        if is_new(pose, found[9], settings[5], settings[6], key_poses, keys):
             learn_matching(
                 rows, bounds[k], bounds[k + 1], key_rows, key_counts, key_origins, key_poses,
                 which, pose, max_distances, settings,
             )  # fmt: skip
         if remember_scan(
-            rows[bounds[k] : bounds[k + 1]], origins[k], pose, found[9], settings[7], settings[8],
+            rows[bounds[k] : bounds[k + 1]], origins[k], pose, found[9], settings[5], settings[6],
             key_rows, key_counts, key_origins, key_poses, keys,
         ):  # fmt: skip
             if has_odometry:
-                learn(wheels, innovations, variances, settings[3], out[k, 6] > 0.0)
+                learn(wheels, innovations, variances, out[k, 6] > 0.0)
             anchor(wheels, pose)
     return len(bounds) - 1

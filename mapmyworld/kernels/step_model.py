@@ -23,7 +23,7 @@ _MEMORY = 0.98  # weight of the past in the running mean of changes
 @jit
 def any_step(step: Array) -> Array:
     """Variances (3,) where a robot may not go on by this `step` (3,): 5 cm, and all its length."""
-    return motion_variances(step, 1.0, 0.05, np.ones(2))
+    return motion_variances(step, 1.0, 0.05)
 
 
 def new_steps() -> Array:

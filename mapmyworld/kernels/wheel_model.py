@@ -5,7 +5,7 @@ scale, and a heading that errs with the distance (unequal wheels) and with the r
 wheelbase). Scan matching shows them: what a match adds to the odometry since the last keyframe
 is an innovation, and each is one sample. The model is an array (15,) that kernels read and write:
 
-  0-1    factors on the variances of position and heading that `motion_variances` states
+  0-1    noise of position [m^2 per m] and heading [rad^2 per rad]: see `random_variances`
   2-4    scale [m per m], heading by distance [rad per m], heading by rotation [rad per rad]
   5-7    variances of these three
   8-10   pose by odometry, from that of the last keyframe
@@ -18,11 +18,13 @@ import numpy as np
 
 from mapmyworld.geometry import Array
 from mapmyworld.kernels.compiling import inner_jit, jit
-from mapmyworld.kernels.laser_motion import motion_variances, wrapped
+from mapmyworld.kernels.laser_motion import wrapped
 
-_FIRST_SIGMAS = (0.03, 0.015, 0.03)  # m per m, rad per m, rad per rad: of wheels nobody calibrated
+_FIRST_NOISE = 0.01  # m^2 per m and rad^2 per rad, of wheels nobody calibrated
+_FIRST_SIGMAS = (0.03, 0.015, 0.03)  # m per m, rad per m, rad per rad, of the same
+_FLOOR = 0.005  # m, and half as many rad, that any recorded motion may be off by
 MEMORY = 0.95  # weight of the past in running means of how the robot moves
-_LARGEST = 25.0  # that one innovation may teach
+_LARGEST = 0.25  # noise, in its units, that one innovation may teach
 _OUTLIER = 16.0  # NIS from which an innovation is a fault, and teaches nothing systematic
 _SHOWS = 9.0  # squared sigmas of a straight way from which a matched rotation was one
 MOVES = 0.01  # m and rad from which a robot moves, and not only its measurements
@@ -31,7 +33,7 @@ MOVES = 0.01  # m and rad from which a robot moves, and not only its measurement
 def new_wheels() -> Array:
     """A model (15,) of wheels about which nothing is known yet."""
     wheels = np.zeros(15)
-    wheels[:2], wheels[5:8] = 1.0, np.square(_FIRST_SIGMAS)
+    wheels[:2], wheels[5:8] = _FIRST_NOISE, np.square(_FIRST_SIGMAS)
     return wheels
 
 
@@ -61,13 +63,32 @@ def anchor(wheels: Array, pose: Array) -> None:
 
 
 @jit
-def reckoned_variances(wheels: Array, share: float, floor: float) -> Array:
-    """Variances (3,), m^2 and rad^2, of the odometry of a model (15,) since the last keyframe."""
-    return motion_variances(np.array([wheels[11], 0.0, wheels[12]]), share, floor, wheels[:2])
+def reckoned_variances(wheels: Array) -> Array:
+    """Variances (3,), m^2 and rad^2, of the odometry of a model (15,) since the last keyframe.
+
+    Noise adds up step by step, and its variance with the path; what is systematic errs by the same
+    in every step, and its sigma grows with the path.
+    """
+    variances = random_variances(wheels[:2], wheels[11], wheels[12])
+    along, turned = wheels[13] * wheels[13], wheels[14] * wheels[14]
+    variances[:2] += wheels[5] * along
+    variances[2] += wheels[6] * along + wheels[7] * turned
+    return variances
 
 
 @jit
-def learn(wheels: Array, found: Array, variances: Array, share: float, is_open: bool) -> None:
+def random_variances(noise: Array, path: float, rotation: float) -> Array:
+    """Variances (3,), m^2 and rad^2, of `noise` (2,) over a path, m, and rotation, rad.
+
+    Position counts a radian as 0.04 m, and heading a metre as 0.09 rad.
+    """
+    position = noise[0] * (path + 0.04 * rotation) + _FLOOR * _FLOOR
+    heading = noise[1] * (rotation + 0.09 * path) + 0.25 * _FLOOR * _FLOOR
+    return np.array([position, position, heading])
+
+
+@jit
+def learn(wheels: Array, found: Array, variances: Array, is_open: bool) -> None:
     """Lets a model (15,) learn from one innovation (7,) of a prediction of these variances (3,).
 
     All of it counts as the odometry's: what the match errs by makes its prior no more certain.
@@ -77,17 +98,16 @@ def learn(wheels: Array, found: Array, variances: Array, share: float, is_open: 
     """
     if wheels[11] < MOVES and wheels[12] < MOVES:
         return
-    moved = np.array([wheels[11], 0.0, wheels[12]])
-    stated = motion_variances(moved, share, 0.0, np.ones(2))
+    once = random_variances(np.ones(2), wheels[11], wheels[12])
     weight = min(1.0, _OUTLIER / max(found[6], 1e-9))  # a fault: as the largest that is none
-    _learn_noise(wheels, 0, 0.5 * (found[0] * found[0] + found[1] * found[1]) / stated[0] * weight)
-    _learn_noise(wheels, 1, found[2] * found[2] / stated[2] * weight)
+    _learn_noise(wheels, 0, 0.5 * (found[0] * found[0] + found[1] * found[1]) / once[0] * weight)
+    _learn_noise(wheels, 1, found[2] * found[2] / once[2] * weight)
     if found[6] < _OUTLIER:
         if not is_open:
             _learn_systematic(wheels, 0, found, variances, 0, wheels[13])
         _learn_systematic(wheels, 1, found, variances, 2, wheels[13])
         rotation = wheels[14] + found[2]
-        straight = motion_variances(np.array([wheels[11], 0.0, 0.0]), share, 0.0, wheels[:2])
+        straight = random_variances(wheels[:2], wheels[11], 0.0)
         if rotation * rotation > _SHOWS * (straight[2] + found[5]):
             _learn_systematic(wheels, 2, found, variances, 2, rotation)
 

@@ -86,7 +86,7 @@ class Keyframes:
     ) -> Match:
         """Aligns a scan with the submap, from a `guess` (3,) known to `information` (3, 3).
 
-        `max_distances` (R,) as of `align`; `settings` (9,) are those of `track_scans`, of which
+        `max_distances` (R,) as of `align`; `settings` (7,) are those of `track_scans`, of which
         the variance factor is learnt.
         """
         return self.matches(scan, [guess], information, max_distances, settings)[0]
@@ -101,7 +101,7 @@ class Keyframes:
     ) -> list[Match]:
         """The same from each of some `guesses` (3,).
 
-        `information` (3, 3), `max_distances` (R,) and `settings` (9,) as of `match`.
+        `information` (3, 3), `max_distances` (R,) and `settings` (7,) as of `match`.
         """
         targets, poses = self.targets()
         config = replace(self._matching, correlation=float(settings[2]))
@@ -114,26 +114,30 @@ class Keyframes:
         ]  # fmt: skip
 
     def is_new(self, match: Match, settings: Array) -> bool:
-        """Whether a scan matched so is about to join; `settings` (9,) as of `track_scans`."""
+        """Whether a scan matched so is about to join; `settings` (7,) as of `track_scans`."""
         ring = self.ring
-        return bool(is_new(match.pose, match.overlap, settings[7], settings[8], ring[3], ring[4]))
+        return bool(is_new(match.pose, match.overlap, settings[5], settings[6], ring[3], ring[4]))
 
     def learn_matching(self, scan: PreparedScan, match: Match, settings: Array) -> None:
         """Lets the variance factor learn from a scan that is about to join.
 
-        `settings` (9,) as of `track_scans`; the correlation among them changes.
+        `settings` (7,) as of `track_scans`; the correlation among them changes.
         """
         learn_matching(
             scan.rows, 0, len(scan.rows), *self.ring[:4], self._chosen(), match.pose, FINE, settings
         )
 
     def independent_points(self, scan: PreparedScan, settings: Array) -> float:
-        """How many points of a scan err by themselves; `settings` (9,) as of `track_scans`."""
+        """How many points of a scan err by themselves; `settings` (7,) as of `track_scans`."""
         return len(scan.rows) / max(float(settings[2]), self._matching.correlation)
 
     def place(self) -> Place:
         """What the submap's scans saw together."""
         return Place.of(Submap.of(*self.targets()))
+
+    def share_seen_through(self, scan: PreparedScan, pose: Array) -> float:
+        """Share of a scan's points that, from a pose (3,), lie beyond the submap's surfaces."""
+        return share_seen_through(scan, *self.targets(), pose)
 
     def targets(self) -> tuple[ScanSet, Array]:
         """The scans that are matched against, and their poses (S, 3)."""

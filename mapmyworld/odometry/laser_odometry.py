@@ -21,15 +21,14 @@ from mapmyworld.kernels.scan_tracking import explains, learn_overlap, track_scan
 from mapmyworld.kernels.step_model import any_step, learn_change, new_steps, next_variances
 from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, reckoned_variances
 from mapmyworld.odometry.degeneracy import DegenerateSections
-from mapmyworld.odometry.laser_keyframes import Keyframes, share_seen_through
+from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.odometry.odometry_faults import fault
-from mapmyworld.odometry.pose_hypotheses import FAULT_SIZE, FEWEST, Prior, likeliest_match
+from mapmyworld.odometry.pose_hypotheses import FEWEST, SEEN, Prior, likeliest_match
 from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
 from mapmyworld.odometry.unobserved_motion import UnobservedMotion
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.types import Frame, Scan
 
-_SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
 _EMPTY = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32), 0.0, 0.0)
 
 
@@ -77,8 +76,8 @@ class LaserTracker:
         odometry, matching = config.odometry, config.registration
         self._settings = np.array([
             matching.residual_share, matching.range_sigma, matching.correlation,
-            odometry.relative_noise, odometry.absolute_noise, odometry.contradiction**2,
-            odometry.least_overlap, odometry.keyframe_distance, odometry.keyframe_angle,
+            odometry.contradiction**2, odometry.least_overlap,
+            odometry.keyframe_distance, odometry.keyframe_angle,
         ])  # fmt: skip
 
     def track(self, frame: Frame) -> LaserMotion:
@@ -205,12 +204,13 @@ class LaserTracker:
             return LaserMotion(prior.pose, np.diag(grown), verdict, 0.0)
         if recorded is None and self._time.may_have_left(frame.stamp_ns):
             return self._lost(frame, prior.pose, prior.variances, 0.0)
-        match, verdict = self._matched(scan, prior)
+        match, verdict, left = self._matched(scan, prior)
         if stalled is not None and verdict != "matched":
             caught_up = self._by_wheels(stalled)  # counted from before it stood
-            other, its_verdict = self._matched(scan, caught_up)
+            other, its_verdict, its_left = self._matched(scan, caught_up)
             if its_verdict == "matched" or verdict == "lost":
-                match, verdict, prior, self._wheels = other, its_verdict, caught_up, stalled
+                match, verdict, left = other, its_verdict, its_left
+                prior, self._wheels = caught_up, stalled
         if verdict == "lost":
             return self._unmatched(frame, scan, prior, grown, match.overlap)
         measured = None if frame.is_interpolated else recorded
@@ -220,7 +220,7 @@ class LaserTracker:
         is_new = self._keyframes.is_new(match, self._settings)
         if is_new:
             self._keyframes.learn_matching(scan, match, self._settings)
-        return self._placed(frame.stamp_ns, measured, prior, match, verdict, is_new=is_new)
+        return self._placed(frame.stamp_ns, measured, prior, match, verdict, left, is_new=is_new)
 
     def _going_on(self, frame: Frame, recorded: Array | None) -> tuple[Prior, Array]:
         """Where a robot is expected that goes on as it did, or as interpolated, and by how much it
@@ -243,8 +243,7 @@ class LaserTracker:
 
     def _by_wheels(self, wheels: Array) -> Prior:
         """Where the odometry of a model (15,) leads to since the last keyframe."""
-        share, floor = self._odometry.relative_noise, self._odometry.absolute_noise
-        variances = np.asarray(reckoned_variances(wheels, share, floor))
+        variances = np.asarray(reckoned_variances(wheels))
         return Prior(wheels[8:11].copy(), variances, has_odometry=True, otherwise=variances)
 
     def _unmatched(
@@ -264,8 +263,7 @@ class LaserTracker:
         refuted = False
         if not (is_first or frame.is_interpolated):
             if not changed:
-                seen = share_seen_through(scan, *self._keyframes.targets(), prior.pose)
-                refuted = seen >= _SEEN
+                refuted = self._keyframes.share_seen_through(scan, prior.pose) >= SEEN
             if changed or refuted:
                 self._keyframes.forget()
         if not prior.has_odometry:
@@ -288,9 +286,12 @@ class LaserTracker:
 
     def _placed(
         self, stamp_ns: int, recorded: Array | None, prior: Prior, match: Match, verdict: str,
-        *, is_new: bool,
+        left: Array, *, is_new: bool,
     ) -> LaserMotion:  # fmt: skip
-        """What a match that is believed reports about the motion, and of the odometry."""
+        """What a match that is believed reports about the motion, and of the odometry.
+
+        A fault has `left` these variances (3,) of the prior.
+        """
         variances = prior.variances
         moved = between_planar(self._state[:3], match.pose)
         weak = is_degenerate(match.information)
@@ -300,21 +301,24 @@ class LaserTracker:
             if is_new or verdict != "matched":
                 if not recorded.any() and self._stalled is None and verdict != "matched":
                     self._stalled = self._wheels.copy()
-                learn(self._wheels, found, variances, self._odometry.relative_noise, weak)
+                learn(self._wheels, found, variances, weak)
                 anchor(self._wheels, match.pose)
             self._compared += 1
             if found[6] > self._odometry.contradiction**2:
                 self._faults[fault(recorded, moved)] += 1
                 if verdict != "matched":
-                    variances = FAULT_SIZE**2
+                    variances = left
         covariance = step_covariance(
             moved, match.information, variances,
             self._odometry.keyframe_distance, self._odometry.keyframe_angle, recorded is not None,
         )  # fmt: skip
         return LaserMotion(match.pose, covariance, verdict, match.overlap)
 
-    def _matched(self, scan: PreparedScan, prior: Prior) -> tuple[Match, str]:
-        """The match near the prediction, or where that contradicts it, the best of several."""
+    def _matched(self, scan: PreparedScan, prior: Prior) -> tuple[Match, str, Array]:
+        """The match near the prediction, or where that contradicts it, the best of several.
+
+        And its verdict, and what it leaves of the prediction: the variances (3,).
+        """
         information = np.diag(1.0 / prior.variances)
         wide = 9.0 * prior.otherwise[0] > FINE[0] ** 2
         first = self._keyframes.match(
@@ -323,13 +327,17 @@ class LaserTracker:
         found = innovation(prior.pose, first.pose, first.information, prior.variances)
         good = explains(self._state, first.overlap, self._settings, prior.has_odometry)
         if good and found[6] <= self._odometry.contradiction**2:
-            return first, "matched"
+            return first, "matched", prior.variances
         best = likeliest_match(
             scan, self._keyframes, self._state, prior, first, self._odometry, self._settings
         )
         if best is None:
-            return first, "lost"
-        return best, "matched" if best is first else "odometry ignored"
+            return first, "lost", prior.variances
+        if best is first:
+            return best, "matched", prior.variances
+        fused, variances = prior.fused(best, self._odometry)
+        is_fault = variances is not prior.variances
+        return fused, "odometry ignored" if is_fault else "matched", variances
 
 
 _NOTES = {

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mapmyworld.config import OdometryConfig
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar
+from mapmyworld.kernels.laser_motion import FAINT
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, Match, PreparedScan
@@ -25,8 +26,11 @@ FEWEST = 12
 FAULT = 1e-3
 """Probability of an odometry fault in a step: it stalls, slips, catches up. Without odometry, that
 the robot does not go on as it did."""
+SEEN = 0.5
+"""Share of the points seen through surfaces from which nobody can have been there."""
 FAULT_SIZE: Array = np.array([2.0, 2.0, 1.0])
 """m, m and rad, sigmas of a fault that goes unobserved: slips, a robot lifted."""
+_HALF_TRACK = 0.2  # m that a robot is off by a rad where one of its wheels slips
 _LOG_ODDS = 2.5  # nats by which a point on a surface, and not beside, speaks for a pose: of
 # such points a right one has 0.75 and a wrong one 0.2, log(0.75 / 0.2) + log(0.8 / 0.25)
 _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
@@ -34,10 +38,11 @@ _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor sol
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prior:
-    """What odometry indicates of a pose: a mixture of a normal distribution and a fault.
+    """What odometry indicates of a pose: a mixture of a normal distribution and two faults.
 
-    With the probability of a fault odometry indicates nothing, and the robot may be anywhere in
-    the window of a search. Without odometry it goes on as it did, or moves otherwise.
+    Where a wheel slips, odometry indicates no heading. Where it stalls or catches up it indicates
+    nothing, and the robot may be anywhere in the window of a search; one is as likely as the other.
+    Without odometry the robot goes on as it did, or moves otherwise.
     """
 
     pose: Array
@@ -59,16 +64,38 @@ class Prior:
 
     def log(self, pose: Array, config: OdometryConfig) -> float:
         """Log density of a pose (3,) over that of the predicted one."""
+        return float(np.logaddexp.reduce([log for log, _ in self._components(pose, config)]))
+
+    def _components(self, pose: Array, config: OdometryConfig) -> list[tuple[float, Array]]:
+        """Log density at a pose (3,) and variances (3,) of each: as predicted, and otherwise."""
         apart = between_planar(self.pose, pose)
+        expected = -0.5 * float((apart**2 / self.variances).sum()), self.variances
+        if not self.has_odometry:
+            share = FAULT * np.sqrt((self.variances / self.otherwise).prod())
+            changed = np.log(share) - 0.5 * float((apart**2 / self.otherwise).sum())
+            return [expected, (float(changed), self.otherwise)]
         distance, angle = self.window(config)
-        window = 8.0 * distance**2 * angle
-        width = (2.0 * np.pi) ** 1.5 * np.sqrt(self.variances.prod())
-        expected = -0.5 * float((apart**2 / self.variances).sum())
-        if self.has_odometry:
-            return float(np.logaddexp(expected, np.log(FAULT * min(width / window, 1.0))))
-        share = FAULT * np.sqrt((self.variances / self.otherwise).prod())
-        changed = np.log(share) - 0.5 * float((apart**2 / self.otherwise).sum())
-        return float(np.logaddexp(expected, changed))
+        heading = np.sqrt(2.0 * np.pi * self.variances[2]) / (2.0 * angle)
+        known = self.variances[:2] + (_HALF_TRACK * apart[2]) ** 2
+        slip = np.log(
+            0.5 * FAULT * min(heading, 1.0) * np.sqrt((self.variances[:2] / known).prod())
+        )
+        slip -= 0.5 * float((apart[:2] ** 2 / known).sum())
+        place = 2.0 * np.pi * np.sqrt(self.variances[:2].prod()) / (2.0 * distance) ** 2
+        fault = float(np.log(0.5 * FAULT * min(heading * place, 1.0)))
+        slipped = np.append(known, FAULT_SIZE[2] ** 2)
+        return [expected, (float(slip), slipped), (fault, FAULT_SIZE**2)]
+
+    def fused(self, match: Match, config: OdometryConfig) -> tuple[Match, Array]:
+        """A match that was made without the prior, with the likeliest component of it.
+
+        And the variances (3,) of that one, which are the predicted ones where there is no fault.
+        """
+        variances = max(self._components(match.pose, config), key=lambda found: found[0])[1]
+        prior = np.diag(1.0 / variances)
+        known = match.information + prior + FAINT * np.eye(3)
+        step = np.linalg.solve(known, prior @ between_planar(match.pose, self.pose))
+        return replace(match, pose=compose_planar(match.pose, step)), variances
 
 
 def likeliest_match(
@@ -77,7 +104,7 @@ def likeliest_match(
 ) -> Match | None:  # fmt: skip
     """The likeliest of several matches, with the odometry and without it; None where none fits.
 
-    `state` (8,) and `settings` (9,) are those of `track_scans`, `first` the match near the
+    `state` (8,) and `settings` (7,) are those of `track_scans`, `first` the match near the
     prediction.
     """
     place, view = keyframes.place(), Place.seen_by(scan)
@@ -96,15 +123,16 @@ def likeliest_match(
         beyond_chance += its_prior / NATS
     fits = beyond_chance >= 0.0 and _has_points(first, scan)
     best, most = (first, 0.0) if fits else (None, 0.0)
+    is_refuted = not fits and keyframes.share_seen_through(scan, prior.pose) >= SEEN
     for match in keyframes.matches(scan, starts, _WEAK_PRIOR, COARSE, settings):
         other = place.agreement_with(view, match.pose)
         if other.evidence < needed or not _has_points(match, scan):
             continue
         more = prior.log(match.pose, config)
         if not fits:  # against nothing that fits: what exceeds chance, or another place like this
-            elsewhere = evidence_elsewhere(
+            elsewhere = None if is_refuted else evidence_elsewhere(
                 view.submap.scored, place.grid, match.pose, distance, angle, FORTH * needed
-            )
+            )  # fmt: skip
             alike = 0.0 if elsewhere is None else place.agreement_with(view, elsewhere).evidence
             more += NATS * (other.evidence - max(needed, alike))
         elif are_one(first.pose, match.pose, APART):

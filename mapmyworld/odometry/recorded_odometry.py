@@ -25,7 +25,7 @@ def motion_covariance(a_from_b: NDArray[np.float64], *, planar: bool) -> NDArray
     distance = float(np.linalg.norm(a_from_b[:3, 3]))
     turn = float(np.linalg.norm(so3_log(a_from_b[:3, :3])))
     step = np.array([distance, 0.0, turn])
-    slip, _, yaw = motion_variances(step, _NOISE, _FLOOR, np.ones(2)).tolist()
+    slip, _, yaw = motion_variances(step, _NOISE, _FLOOR).tolist()
     variances = np.array([yaw, yaw, yaw, slip, slip, slip])
     if planar:
         variances[[0, 1, 5]] = _FLOOR**2

@@ -17,25 +17,23 @@ from mapmyworld.geometry import Array
 from mapmyworld.odometry.laser_odometry import LaserTracker
 from mapmyworld.types import Frame
 
-_MOTIONS = 36
-"""Between keyframes, over which the scale may err by no more than chance: 20 to 30 m."""
+_PATH = 15.0
+"""Metres over which the scale may err by no more than noise does."""
 
 
 def calibrated_wheels(groups: Iterable[list[Frame]], config: Config) -> Array:
     """(15,) systematic errors and noise of the odometry in the frames, which come in groups.
 
-    Frames are tracked until the scale errs less over `_MOTIONS` motions than these do at random; in
-    a log that never shows its scale, that is all of it. The noise is the median over the groups, as
+    Frames are tracked until the scale errs less over `_PATH` than noise does there; in a log that
+    never shows its scale, that is all of it. The noise is the median over the groups, as
     that of the last motions says little of the first.
     """
     tracker, noise, count = LaserTracker(config), list[Array](), 0
-    share = config.odometry.relative_noise
     for frames in groups:
         tracker.track_all(frames)
         count += len(frames)
         noise.append(tracker.wheels[:2])
-        at_random = share**2 * float(np.median(noise, axis=0)[0])
-        if _MOTIONS * tracker.wheels[5] <= at_random:
+        if _PATH * tracker.wheels[5] <= float(np.median(noise, axis=0)[0]):
             break
     wheels = tracker.wheels
     if noise:

@@ -18,8 +18,7 @@ import numpy as np
 from mapmyworld.config import OdometryConfig
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, wrap_angle
-from mapmyworld.kernels.laser_motion import motion_variances
-from mapmyworld.kernels.wheel_model import anchor, reckon
+from mapmyworld.kernels.wheel_model import anchor, random_variances, reckon
 
 _MEDIANS = np.array([2.0 * np.log(2.0), 0.4549])
 """Of the chi-squared distributions of two degrees of freedom, x and y, and of one, yaw."""
@@ -68,7 +67,7 @@ def motions_between(
     reckoned = np.array([_reckoned(recorded[a + 1 : b + 1], wheels) for a, b in spans])
     reckoned = reckoned.reshape(-1, 5)
     miss = between_planar(reckoned[:, :3], moved)
-    variances = _variances(reckoned, miss, config)
+    variances = _variances(reckoned, miss)
     fault = np.sum(miss**2 / variances, axis=1) > config.contradiction**2
     faults = (np.count_nonzero(fault) + 1) / (len(moved) + 2)
     motions = []
@@ -106,17 +105,19 @@ def _reckoned(steps: Array, wheels: Array) -> Array:
     return wheels[8:13].copy()
 
 
-def _variances(reckoned: Array, miss: Array, config: OdometryConfig) -> Array:
+def _variances(reckoned: Array, miss: Array) -> Array:
     """Variances (K, 3) of the motions `reckoned` (K, 5), by what they `miss` (K, 3) tracking by.
 
     Medians: faults, which are few, do not count.
     """
-    moved = np.column_stack([reckoned[:, 3], np.zeros(len(miss)), reckoned[:, 4]])
-    share, ones = config.relative_noise, np.ones(2)
-    stated = np.array([motion_variances(step, share, 0.0, ones) for step in moved]).reshape(-1, 3)
     squares = np.column_stack([(miss[:, :2] ** 2).sum(axis=1), miss[:, 2] ** 2])
-    known = stated[:, 0] > 0.0
-    samples = squares[known] / stated[known, 1:]
-    scales = np.median(samples, axis=0) / _MEDIANS if len(samples) else ones
-    floor = config.absolute_noise
-    return np.array([motion_variances(step, share, floor, scales) for step in moved]).reshape(-1, 3)
+    known = reckoned[:, 3:].sum(axis=1) > 0.0
+    samples = squares[known] / _of_noise(np.ones(2), reckoned[known])[:, 1:]
+    noise = np.median(samples, axis=0) / _MEDIANS if len(samples) else np.ones(2)
+    return _of_noise(noise, reckoned)
+
+
+def _of_noise(noise: Array, reckoned: Array) -> Array:
+    """Variances (K, 3) that noise (2,) adds up to in the motions `reckoned` (K, 5)."""
+    every = [random_variances(noise, path, rotation) for path, rotation in reckoned[:, 3:]]
+    return np.reshape(every, (-1, 3))

@@ -1,4 +1,4 @@
-"""Counting, for every cell of a grid, the scans that ended in it and those that passed through."""
+"""What rays pass through in a grid: scans counted in every cell, or free cells cleared."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.kernels.compiling import inner_jit, jit
+
+_Ray = tuple[int, int, int, int, float, float, float, float, int]
 
 
 @jit
@@ -54,16 +56,9 @@ def clear_passed(
     for s in range(len(starts)):
         for k in range(bounds[s], bounds[s + 1]):
             ray = _ray(starts[s, 0], starts[s, 1], ends[k, 0], ends[k, 1])
-            column, row, step_x, step_y, next_x, next_y, grow_x, grow_y, left = ray
-            while left > 0:
-                cells[row, column] = 0
-                if next_x < next_y:
-                    column += step_x
-                    next_x += grow_x
-                else:
-                    row += step_y
-                    next_y += grow_y
-                left -= 1
+            while ray[8] > 0:
+                cells[ray[1], ray[0]] = 0
+                ray = _onward(ray)
 
 
 @inner_jit
@@ -77,28 +72,20 @@ def _pass_through(
     y1: float,
 ) -> None:
     ray = _ray(x0, y0, x1, y1)
-    column, row, step_x, step_y, next_x, next_y, grow_x, grow_y, left = ray
-    while left > 0:
+    while ray[8] > 0:
+        column, row = ray[0], ray[1]
         if marks[row, column] != mark:
             marks[row, column] = mark
             if counts[row, column, 1] < 65535:
                 counts[row, column, 1] += 1
-        if next_x < next_y:
-            column += step_x
-            next_x += grow_x
-        else:
-            row += step_y
-            next_y += grow_y
-        left -= 1
+        ray = _onward(ray)
 
 
 @inner_jit
-def _ray(
-    x0: float, y0: float, x1: float, y1: float
-) -> tuple[int, int, int, int, float, float, float, float, int]:
-    """Where a ray begins: its first cell, the steps to the next ones, the share of the ray at which
-    it next crosses a vertical and a horizontal line of the lattice, and by how much these grow; and
-    how many cells it passes.
+def _ray(x0: float, y0: float, x1: float, y1: float) -> _Ray:
+    """Where a ray is: its cell (column and row), the steps to the next ones, the share of it at
+    which it next crosses a vertical and a horizontal line of the lattice, and by how much these
+    grow; and how many cells it still passes. Here in its first cell.
     """
     column, row = int(x0), int(y0)
     dx, dy = x1 - x0, y1 - y0
@@ -110,3 +97,13 @@ def _ray(
     grow_y = math.inf if dy == 0 else step_y / dy
     left = abs(int(x1) - column) + abs(int(y1) - row)
     return column, row, step_x, step_y, next_x, next_y, grow_x, grow_y, left
+
+
+@inner_jit
+def _onward(ray: _Ray) -> _Ray:
+    column, row, step_x, step_y, next_x, next_y, grow_x, grow_y, left = ray
+    if next_x < next_y:
+        column, next_x = column + step_x, next_x + grow_x
+    else:
+        row, next_y = row + step_y, next_y + grow_y
+    return column, row, step_x, step_y, next_x, next_y, grow_x, grow_y, left - 1

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
-from mapmyworld.kernels.laser_motion import innovation
+from mapmyworld.kernels.laser_motion import innovation, robust_ratio
 from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, reckoned_variances
 
 STEP = np.array([0.15, 0.0, 0.0])
@@ -78,3 +79,12 @@ def test_noise_that_is_learnt_is_what_wheels_have_however_far_keyframes_lie() ->
             stated.append(variances / sigmas**2)
             learn(wheels, innovation(wheels[8:11], reached, SEEN, variances), variances, False)
         np.testing.assert_allclose(np.median(stated[200:], axis=0), 1.0, rtol=0.2)
+
+
+def test_outliers_show_little_of_a_variance_and_normal_errors_all_of_it() -> None:
+    """One match in ten that is off by ten sigmas made all of them eleven times as uncertain."""
+    random = np.random.default_rng(5)
+    squared = (random.normal(size=(200_000, 3)) ** 2).sum(axis=1)
+    assert np.mean([robust_ratio(s, 3) for s in squared]) == pytest.approx(1.0, abs=0.01)
+    outliers = np.where(random.random(len(squared)) < 0.1, 300.0, squared)
+    assert 1.0 < np.mean([robust_ratio(s, 3) for s in outliers]) < 1.3

@@ -12,6 +12,7 @@ from mapmyworld.kernels.laser_motion import (
     between_poses,
     innovation,
     is_degenerate,
+    robust_ratio,
     step_covariance,
     wrapped,
 )
@@ -21,7 +22,7 @@ from mapmyworld.kernels.step_model import learn_step, next_variances
 from mapmyworld.kernels.wheel_model import anchor, learn, reckon, reckoned_variances
 
 _MEMORY = 0.95  # weight of the past in the running mean of disagreements
-_LARGEST = 9.0  # that one disagreement may teach, times its variance
+_LARGEST = 9.0  # that one overlap may teach, times its variance
 _WELL_EXPLAINED = 0.75  # overlap below which a scan joins the submap sooner
 _SOONER = 0.3  # of the motion after which others do
 _FIRST_VARIANCE = 0.01  # of overlaps, before there are any
@@ -171,12 +172,12 @@ def learn_matching(
         for i in range(3):
             for j in range(3):
                 total[i, j] += own[i, j]
-    apart, weights, sample = between_poses(poses[0], poses[1]), invert3(total), 0.0
+    apart, weights, squared = between_poses(poses[0], poses[1]), invert3(total), 0.0
     for i in range(3):
         for j in range(3):
-            sample += apart[i] * weights[i, j] * apart[j]
-    sample = min(sample / 3.0, _LARGEST) * settings[2]
-    settings[2] = _MEMORY * settings[2] + (1.0 - _MEMORY) * sample
+            squared += apart[i] * weights[i, j] * apart[j]
+    unknowns = 2 if is_degenerate(weights) else 3
+    settings[2] *= 1.0 + (1.0 - _MEMORY) * (robust_ratio(squared, unknowns) - 1.0)
 
 
 @jit

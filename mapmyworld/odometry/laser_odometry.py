@@ -23,7 +23,7 @@ from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, re
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.odometry.odometry_faults import fault
-from mapmyworld.odometry.pose_hypotheses import FEWEST, SEEN, Prior, likeliest_match
+from mapmyworld.odometry.pose_hypotheses import FAULT, FEWEST, SEEN, Prior, likeliest_match
 from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
 from mapmyworld.odometry.unobserved_motion import UnobservedMotion
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
@@ -242,9 +242,13 @@ class LaserTracker:
         return self._time.is_placed and self._time.goes_on(frame.stamp_ns)
 
     def _by_wheels(self, wheels: Array) -> Prior:
-        """Where the odometry of a model (15,) leads to since the last keyframe."""
+        """Where the odometry of a model (15,) leads to since the last keyframe.
+
+        It is at fault as often as it was so far, of what is known before counted as one fault.
+        """
         variances = np.asarray(reckoned_variances(wheels))
-        return Prior(wheels[8:11].copy(), variances, has_odometry=True, otherwise=variances)
+        fault = (1.0 + self._faults.total()) / (1.0 / FAULT + self._compared)
+        return Prior(wheels[8:11].copy(), variances, True, variances, fault)
 
     def _unmatched(
         self, frame: Frame, scan: PreparedScan, prior: Prior, grown: Array, overlap: float
@@ -335,8 +339,7 @@ class LaserTracker:
             return first, "lost", prior.variances
         if best is first:
             return best, "matched", prior.variances
-        fused, variances = prior.fused(best, self._odometry)
-        is_fault = variances is not prior.variances
+        fused, variances, is_fault = prior.fused(best, self._odometry)
         return fused, "odometry ignored" if is_fault else "matched", variances
 
 

@@ -24,8 +24,8 @@ from mapmyworld.registration.scan_search import (
 FEWEST = 12
 """Points of a scan below which it is not matched."""
 FAULT = 1e-3
-"""Probability of an odometry fault in a step: it stalls, slips, catches up. Without odometry, that
-the robot does not go on as it did."""
+"""Probability of an odometry fault in a step, before there are any: it stalls, slips, catches up.
+Without odometry, that the robot does not go on as it did."""
 SEEN = 0.5
 """Share of the points seen through surfaces from which nobody can have been there."""
 FAULT_SIZE: Array = np.array([2.0, 2.0, 1.0])
@@ -53,6 +53,8 @@ class Prior:
     """Whether the pose comes from odometry; else the robot is expected to go on as it did."""
     otherwise: Array
     """(3,) variances of a robot that moves otherwise; with odometry the same."""
+    fault: float = FAULT
+    """Probability of a fault in this step."""
 
     def window(self, config: OdometryConfig) -> tuple[float, float]:
         """Metres and radians to each side in which a fault is looked for, or where the robot is."""
@@ -67,35 +69,37 @@ class Prior:
         return float(np.logaddexp.reduce([log for log, _ in self._components(pose, config)]))
 
     def _components(self, pose: Array, config: OdometryConfig) -> list[tuple[float, Array]]:
-        """Log density at a pose (3,) and variances (3,) of each: as predicted, and otherwise."""
+        """Log density at a pose (3,) and variances (3,) of each: as predicted, then otherwise."""
         apart = between_planar(self.pose, pose)
         expected = -0.5 * float((apart**2 / self.variances).sum()), self.variances
         if not self.has_odometry:
-            share = FAULT * np.sqrt((self.variances / self.otherwise).prod())
+            share = self.fault * np.sqrt((self.variances / self.otherwise).prod())
             changed = np.log(share) - 0.5 * float((apart**2 / self.otherwise).sum())
             return [expected, (float(changed), self.otherwise)]
         distance, angle = self.window(config)
         heading = np.sqrt(2.0 * np.pi * self.variances[2]) / (2.0 * angle)
         known = self.variances[:2] + (_HALF_TRACK * apart[2]) ** 2
         slip = np.log(
-            0.5 * FAULT * min(heading, 1.0) * np.sqrt((self.variances[:2] / known).prod())
+            0.5 * self.fault * min(heading, 1.0) * np.sqrt((self.variances[:2] / known).prod())
         )
         slip -= 0.5 * float((apart[:2] ** 2 / known).sum())
         place = 2.0 * np.pi * np.sqrt(self.variances[:2].prod()) / (2.0 * distance) ** 2
-        fault = float(np.log(0.5 * FAULT * min(heading * place, 1.0)))
+        fault = float(np.log(0.5 * self.fault * min(heading * place, 1.0)))
         slipped = np.append(known, FAULT_SIZE[2] ** 2)
         return [expected, (float(slip), slipped), (fault, FAULT_SIZE**2)]
 
-    def fused(self, match: Match, config: OdometryConfig) -> tuple[Match, Array]:
+    def fused(self, match: Match, config: OdometryConfig) -> tuple[Match, Array, bool]:
         """A match that was made without the prior, with the likeliest component of it.
 
-        And the variances (3,) of that one, which are the predicted ones where there is no fault.
+        And the variances (3,) of that one, and whether it is a fault.
         """
-        variances = max(self._components(match.pose, config), key=lambda found: found[0])[1]
+        components = self._components(match.pose, config)
+        likeliest = int(np.argmax([log for log, _ in components]))
+        variances = components[likeliest][1]
         prior = np.diag(1.0 / variances)
         known = match.information + prior + FAINT * np.eye(3)
         step = np.linalg.solve(known, prior @ between_planar(match.pose, self.pose))
-        return replace(match, pose=compose_planar(match.pose, step)), variances
+        return replace(match, pose=compose_planar(match.pose, step)), variances, likeliest > 0
 
 
 def likeliest_match(

@@ -15,6 +15,7 @@ from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to
 from mapmyworld.kernels.laser_motion import is_degenerate
 from mapmyworld.odometry import laser_odometry
 from mapmyworld.odometry.degeneracy import DegenerateSections
+from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.odometry.pose_hypotheses import FAULT_SIZE
 from mapmyworld.types import Frame, Scan
@@ -130,6 +131,26 @@ def test_odometry_interpolated_over_a_stall_does_not_hold_the_path() -> None:
     assert metres < 0.02
     assert radians < 0.01
     assert tracker.verdicts["odometry ignored"] == 0
+
+
+def test_a_corridor_after_a_gap_in_a_stall_is_not_the_one_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where the robot may be metres from, walls that it would see through there refute nothing:
+    it was set back 9.7 m.
+    """
+    monkeypatch.setattr(Keyframes, "share_seen_through", lambda *_: 1.0)
+    sections = [((-12.0, y, 1.0, y), (7.0, y, 20.0, y)) for y in (-1.0, 1.0)]
+    doors = [(x, y, x, 0.6 * y) for x in (-12.0, 1.0, 7.0, 20.0) for y in (-1.0, 1.0)]
+    walls = np.array([*itertools.chain(*sections), *doors])
+    along = np.append(np.arange(-6.0, -1.9, 0.5), 12.0)
+    tracker, tracked = LaserTracker(Config()), []
+    for k, x in enumerate(along):
+        pose = np.array([x, 0.0, 0.0])
+        frame = Frame(k * 500_000_000, planar_to_matrix(pose), cast(pose, walls, k))
+        tracked.append(tracker.track(replace(frame, is_interpolated=x > 0.0)))
+    assert tracked[-1].verdict == "odometry only"
+    assert tracked[-1].pose[0] == pytest.approx(18.0, abs=0.1)
 
 
 def test_odometry_that_stood_while_the_robot_moved_on_counts_from_before() -> None:

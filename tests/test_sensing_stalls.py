@@ -48,6 +48,19 @@ def test_a_short_stall_is_found_though_the_robot_is_at_times_as_fast() -> None:
     assert found.is_interpolated(int(stamps[85]))
 
 
+def test_a_stall_is_interpolated_whole_though_the_robot_went_slowly() -> None:
+    """At its median speed it would have stood for the first two fifths of it."""
+    slow = np.arange(199) % 10 < 3
+    slow[80:95] = True
+    x = np.concatenate([[0.0], np.cumsum(np.where(slow, 0.06, 0.1))])
+    poses = planar_to_matrix(np.stack([x, *np.zeros((2, 200))], axis=1))
+    shown = poses.copy()
+    shown[81:95] = shown[80]
+    found, count = without_stalls(RecordedMotion(100_000_000 * np.arange(200), shown[:, :3]))
+    assert count == 1
+    assert np.allclose(found.poses_at(slice(None)), poses, atol=1e-9)
+
+
 def test_a_robot_that_stands_and_goes_on_is_left_alone() -> None:
     motion, poses = drive(slice(80, 81))
     values = np.concatenate([poses[:80], np.repeat(poses[80:81], 40, 0), poses[80:]])

@@ -127,7 +127,11 @@ def likeliest_match(
         beyond_chance += its_prior / NATS
     fits = beyond_chance >= 0.0 and _has_points(first, scan)
     best, most = (first, 0.0) if fits else (None, 0.0)
-    is_refuted = not fits and keyframes.share_seen_through(scan, prior.pose) >= SEEN
+    is_refuted = (
+        not fits
+        and bool((reach <= (distance, angle)).all())  # else it may be where nothing was seen
+        and keyframes.share_seen_through(scan, prior.pose) >= SEEN
+    )
     for match in keyframes.matches(scan, starts, _WEAK_PRIOR, COARSE, settings):
         other = place.agreement_with(view, match.pose)
         if other.evidence < needed or not _has_points(match, scan):

@@ -11,6 +11,7 @@ from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.sensing.motion import RecordedMotion
 
 _FASTEST = 0.99  # quantile of the log's own speeds that a reset exceeds by far
+_SLOW = 0.25  # quantile of the same that is a slow one
 _FEWEST = 50  # steps from which speeds are known
 _RESET = 5.0, 10.0  # m, and times its own speed, that no robot goes from one pose to the next
 
@@ -19,7 +20,7 @@ def without_stalls(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
     """The motion with its stalls interpolated, and how many there were.
 
     A stall repeats a pose to the last bit; the step after it is faster than the robot usually is.
-    At its usual speed it needed so long for it: so much of the stall is interpolated.
+    So much of the stall is interpolated as it needed for it, had it gone rather slowly.
     """
     if len(motion) < _FEWEST or not motion.is_sorted:
         return motion, 0
@@ -33,13 +34,16 @@ def without_stalls(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
     if np.count_nonzero(usual) < _FEWEST:
         return motion, 0
     ends = np.flatnonzero(~stands[1:] & stands[:-1]) + 1
-    median = np.maximum(np.median(speeds[:, usual], axis=1), 1e-9)
-    needed = np.minimum((moved[:, ends].T / median).max(axis=1), seconds.sum())
+    slow, median = np.maximum(np.quantile(speeds[:, usual], (_SLOW, 0.5), axis=1), 1e-9)
+    longer = (moved[:, ends].T / median).argmax(axis=1)  # by its way or by its turn
+    moved = moved[longer, ends]
+    needed = np.minimum(moved / slow[longer], seconds.sum())
     since = stamps[ends + 1] - (1e9 * needed).astype(np.int64)
     last_still = np.searchsorted(stamps, since, "right") - 1
     begins = np.maximum.accumulate(np.where(stands, 0, np.arange(1, len(stands) + 1)))
     begins = np.maximum(begins[ends - 1], last_still)
-    interpolated, is_stall = np.zeros(len(poses), np.bool_), begins < ends
+    interpolated = np.zeros(len(poses), np.bool_)
+    is_stall = (moved > median[longer] * seconds[ends]) & (begins < ends)
     for begin, end in zip(begins[is_stall].tolist(), ends[is_stall].tolist(), strict=True):
         inside = slice(begin + 1, end + 1)
         interpolated[inside] = True

@@ -153,6 +153,23 @@ def test_a_corridor_after_a_gap_in_a_stall_is_not_the_one_before(
     assert tracked[-1].pose[0] == pytest.approx(18.0, abs=0.1)
 
 
+def test_odometry_over_a_gap_is_as_uncertain_as_the_way_that_nobody_saw() -> None:
+    """Half a metre a second for 16 s, and 5 cm from where it was: it went there and back."""
+    truth, scans = drive()
+    blind = replace(scans[0], points=scans[0].points[:0])
+    spread = []
+    for seconds in (0.1, 16.0):
+        tracker = LaserTracker(Config())
+        for k in range(60):
+            tracker.track(Frame(k * 100_000_000, planar_to_matrix(truth[k]), scans[k]))
+        stamp_ns = 5_900_000_000 + round(1e9 * seconds)
+        after = tracker.track(Frame(stamp_ns, planar_to_matrix(truth[60]), blind))
+        assert after.verdict == "odometry only"
+        spread.append(np.sqrt(after.covariance[[0, 2], [0, 2]]))
+    assert (spread[1] > 10.0 * spread[0]).all()
+    assert (spread[1] < 0.3).all()
+
+
 def test_odometry_that_stood_while_the_robot_moved_on_counts_from_before() -> None:
     """Scans 0.6 to 0.9 m apart, two of them while it stands: then it has caught up, and is right.
 

@@ -53,6 +53,12 @@ def reckon(wheels: Array, step: Array) -> None:
     wheels[14] += rotation
 
 
+def lengthen(wheels: Array, step: Array, way: Array) -> None:
+    """A recorded step (3,) of the model (15,) was such a way (2,), m and rad, or its own length."""
+    taken = np.array([np.hypot(step[0], step[1]), abs(step[2])])
+    wheels[11:13] += np.maximum(way - taken, 0.0)
+
+
 @jit
 def anchor(wheels: Array, pose: Array) -> None:
     """Odometry of the model (15,) counts anew from a pose (3,)."""

@@ -19,7 +19,14 @@ from mapmyworld.kernels.laser_motion import (
 )
 from mapmyworld.kernels.scan_tracking import explains, learn_overlap, track_scans
 from mapmyworld.kernels.step_model import any_step, learn_change, new_steps, next_variances
-from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, reckoned_variances
+from mapmyworld.kernels.wheel_model import (
+    anchor,
+    learn,
+    lengthen,
+    new_wheels,
+    reckon,
+    reckoned_variances,
+)
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.odometry.odometry_faults import fault
@@ -89,18 +96,20 @@ class LaserTracker:
         scans = prepare_scans([frame.scan or _EMPTY for frame in frames], self._matching)
         recorded = self._recorded_steps(frames)
         interpolated = np.array([frame.is_interpolated for frame in frames])
-        leaps = self._time.leaps([frame.stamp_ns for frame in frames])
-        needs_care = interpolated | (leaps & np.isnan(recorded[:, 0]))
+        stamps = [frame.stamp_ns for frame in frames]
+        unseen = np.where(
+            np.isnan(recorded[:, 0]), self._time.leaps(stamps), self._time.gaps(stamps)
+        )
         self._keyframes.make_room(int(np.diff(scans.bounds).max(initial=0)))
         out, covariances = np.zeros((len(frames), 7)), np.zeros((len(frames), 3, 3))
         tracked: list[LaserMotion] = []
         while len(tracked) < len(frames):
             first = len(tracked)
             if not self._time.is_placed and np.isnan(recorded[first, 0]):
-                needs_care[first] = True  # where it is is as open as time since then lets it be
+                unseen[first] = True  # where it is is as open as time since then lets it be
             # Most scans need no second look: a kernel follows them, up to one that does.
             last = track_scans(
-                first, scans.rows, scans.bounds, scans.origins, recorded, needs_care,
+                first, scans.rows, scans.bounds, scans.origins, recorded, interpolated | unseen,
                 *self._keyframes.ring, self._state, self._wheels, self._steps, FINE, self._settings,
                 FEWEST, out, covariances,
             )  # fmt: skip
@@ -189,11 +198,12 @@ class LaserTracker:
     def _follow(self, frame: Frame, scan: PreparedScan, recorded: Array | None) -> LaserMotion:
         before, stalled = self._by_wheels(self._wheels).variances, None
         if recorded is not None:
-            reckon(self._wheels, recorded)
             if recorded.any():
                 stalled, self._stalled = self._stalled, None
-            if stalled is not None:
-                reckon(stalled, recorded)
+            way = self._time.way(frame.stamp_ns) if recorded.any() else np.zeros(2)
+            for wheels in [self._wheels] if stalled is None else [self._wheels, stalled]:
+                reckon(wheels, recorded)
+                lengthen(wheels, recorded, way)
         if recorded is None or frame.is_interpolated:
             prior, grown = self._going_on(frame, recorded)
         else:

@@ -85,10 +85,28 @@ class UnobservedMotion:
         """Whether the robot may be beyond what the submap shows since it was placed."""
         return bool(self._leaves(self._seconds(self._placed_ns, stamp_ns)))
 
+    def gaps(self, stamps_ns: Sequence[int]) -> NDArray[np.bool_]:
+        """(B,) whether each frame comes so long after the one before that nobody saw the way."""
+        return self._waits(stamps_ns) > GOES_ON
+
+    def way(self, stamp_ns: int) -> Array:
+        """Metres and radians (2,) that the robot went unseen to the next frame, as fast as usual.
+
+        None of it was unseen unless that comes after a gap.
+        """
+        if self.goes_on(stamp_ns):
+            return np.zeros(2)
+        x, y, yaw = self._square_velocity
+        return np.asarray(np.sqrt([x + y, yaw]) * self._seconds(self._last_ns, stamp_ns))
+
     def leaps(self, stamps_ns: Sequence[int]) -> NDArray[np.bool_]:
         """(B,) whether it may be so far since the frame before alone."""
+        return self._leaves(self._waits(stamps_ns))
+
+    def _waits(self, stamps_ns: Sequence[int]) -> Array:
+        """Seconds (B,) since the frame before each."""
         stamps = np.maximum.accumulate(np.array([self._last_ns, *stamps_ns]))
-        return self._leaves(1e-9 * np.diff(stamps))
+        return 1e-9 * np.diff(stamps)
 
     def _seconds(self, then_ns: int, stamp_ns: int) -> float:
         return 1e-9 * (max(self._last_ns, stamp_ns) - then_ns)

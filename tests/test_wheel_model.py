@@ -81,12 +81,10 @@ def test_noise_that_is_learnt_is_what_wheels_have_however_far_keyframes_lie() ->
         np.testing.assert_allclose(np.median(stated[200:], axis=0), 1.0, rtol=0.2)
 
 
-def test_outliers_show_little_of_a_variance() -> None:
+def test_outliers_show_little_of_a_variance_and_normal_errors_all_of_it() -> None:
     """One match in ten that is off by ten sigmas made all of them eleven times as uncertain."""
     random = np.random.default_rng(5)
-    normal = (random.normal(size=(200_000, 3)) ** 2).sum(axis=1)
-    heavy = normal / random.chisquare(4.0, size=len(normal)) * 4.0  # Student's t
-    assert np.mean([robust_ratio(s, 3) for s in heavy]) == pytest.approx(1.0, abs=0.01)
-    outliers = np.where(random.random(len(normal)) < 0.1, 300.0, normal)
-    shown = [np.mean([robust_ratio(s, 3) for s in some]) for some in (normal, outliers)]
-    assert 1.0 < shown[1] / shown[0] < 1.2
+    squared = (random.normal(size=(200_000, 3)) ** 2).sum(axis=1)
+    assert np.mean([robust_ratio(s, 3) for s in squared]) == pytest.approx(1.0, abs=0.01)
+    outliers = np.where(random.random(len(squared)) < 0.1, 300.0, squared)
+    assert 1.0 < np.mean([robust_ratio(s, 3) for s in outliers]) < 1.3

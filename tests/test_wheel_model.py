@@ -84,7 +84,8 @@ def test_noise_that_is_learnt_is_what_wheels_have_however_far_keyframes_lie() ->
 def test_outliers_show_little_of_a_variance_and_normal_errors_all_of_it() -> None:
     """One match in ten that is off by ten sigmas made all of them eleven times as uncertain."""
     random = np.random.default_rng(5)
-    squared = (random.normal(size=(200_000, 3)) ** 2).sum(axis=1)
+    two, squared = ((random.normal(size=(200_000, n)) ** 2).sum(axis=1) for n in (2, 3))
+    assert np.mean([robust_ratio(s, 2) for s in two]) == pytest.approx(1.0, abs=0.01)
     assert np.mean([robust_ratio(s, 3) for s in squared]) == pytest.approx(1.0, abs=0.01)
     outliers = np.where(random.random(len(squared)) < 0.1, 300.0, squared)
     assert 1.0 < np.mean([robust_ratio(s, 3) for s in outliers]) < 1.3

@@ -14,7 +14,7 @@ _STILL = 0.03  # of a keyframe's distance: less is no motion
 _LEAST_SHARE = 0.01  # of a match's covariance that every step adds
 STEP_VARIANCE = 1e-8  # m^2 and rad^2, at least, of any step
 _FREEDOM = 4.0  # degrees of freedom of Student's t, which errors with outliers follow
-_NORMAL = (0.786, 1.663, 2.596)  # what squared normal errors come to in the mean by its weights
+_NORMAL = (1.663, 2.596)  # mean squared normal errors of two and three unknowns, by its weights
 
 
 @inner_jit
@@ -35,11 +35,11 @@ def between_poses(a: Array, b: Array) -> Array:
 def robust_ratio(squared: float, unknowns: int) -> float:
     """What one error of a pose shows of its variance, over that: 1 in the mean of normal errors.
 
-    The error is `squared`, in sigmas, of one to three `unknowns`. It counts as the likelihood of
+    The error is `squared`, in sigmas, of two or three `unknowns`. It counts as the likelihood of
     Student's t has it (Lange, Little and Taylor, "Robust statistical modeling using the t
     distribution", JASA 1989), so that an outlier shows no more than a few good ones.
     """
-    return float((_FREEDOM + unknowns) / (_FREEDOM + squared) * squared / _NORMAL[unknowns - 1])
+    return float((_FREEDOM + unknowns) / (_FREEDOM + squared) * squared / _NORMAL[unknowns - 2])
 
 
 @jit

@@ -150,7 +150,8 @@ def learn_matching(
     """Lets the variance factor of matches learn from how two keyframes differ about a scan.
 
     Aligned with each alone, the scan comes out at two poses; these differ by what their covariances
-    indicate, times the factor. The scan is `rows[first:last]` (N, 6) at `pose` (3,); the ring has
+    indicate, times the factor. Along walls that leave it open it stays where it began, and has two
+    unknowns. The scan is `rows[first:last]` (N, 6) at `pose` (3,); the ring has
     `key_rows` (K, P, 6), `key_counts` (K,), `key_origins` (K, 2), `key_poses` (K, 3), as of
     `remember_scan`; `which` (B,) are slots. `max_distances` (R,) as of `align`, `settings` (7,) of
     `track_scans`.

@@ -254,7 +254,8 @@ class LaserTracker:
     def _by_wheels(self, wheels: Array) -> Prior:
         """Where the odometry of a model (15,) leads to since the last keyframe.
 
-        It is at fault as often as it was so far, of what is known before counted as one fault.
+        The probability of a fault is the share of faults so far, as if 1 / FAULT steps with one
+        of them had been seen before.
         """
         variances = np.asarray(reckoned_variances(wheels))
         fault = (1.0 + self._faults.total()) / (1.0 / FAULT + self._compared)

@@ -129,7 +129,7 @@ def likeliest_match(
     best, most = (first, 0.0) if fits else (None, 0.0)
     is_refuted = (
         not fits
-        and bool((reach <= (distance, angle)).all())  # else it may be where nothing was seen
+        and bool((reach <= (distance, angle)).all())  # else it may be where nothing is known
         and keyframes.share_seen_through(scan, prior.pose) >= SEEN
     )
     for match in keyframes.matches(scan, starts, _WEAK_PRIOR, COARSE, settings):

@@ -188,7 +188,7 @@ def test_visits_that_no_edge_ties_are_not_compared() -> None:
     visits = []
     for system in (unclosed, closed):
         scans = np.zeros(count, np.int64), np.zeros(count, np.bool_)
-        compared = ComparedScans(*scans, system, poses, Config().odometry)
+        compared = ComparedScans(*scans, system, poses, np.pi, Config().odometry)
         first = compared.pairs_at(poses)
         np.testing.assert_array_equal(compared.pairs_at(poses), first)
         apart = first[:, 1] - first[:, 0]

@@ -115,7 +115,8 @@ def test_motions_count_once_where_pairs_compare_the_same_points(walls: np.ndarra
     systems = np.zeros((4, 15))
     reach, scale = FINE[0], config.registration.residual_share * FINE[0]
     pair_systems(0, 4, scans.rows, scans.bounds, scans.origins, pairs, poses, reach, scale, systems)
-    known = pair_edges(poses, pairs, systems, config.registration)[3] - FAINT * np.eye(3)
+    variance = 2.0 * config.registration.correlation * config.registration.range_sigma**2
+    known = pair_edges(poses, pairs, systems, variance)[3] - FAINT * np.eye(3)
     by_wheels = np.diag([400.0, 0.0, 0.0]) if len(walls) == 1 else np.zeros((3, 3))
     faint = 1e-6 * np.eye(3)
     for factor in (1.0, 10.0):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sample_verdicts import REJECTED
 
 from formats.database import MemoryMap
-from mapmyworld.alignment.laser_pairs import among_first_revisits, neighbour_pairs
+from mapmyworld.alignment.laser_pairs import among_first_revisits, field_of_view, neighbour_pairs
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
@@ -212,6 +212,19 @@ def test_other_visits_are_looked_for_among_some_only() -> None:
     afar = pairs[np.diff(pairs, axis=1)[:, 0] > 12]  # nearer ones are of one visit
     assert len(afar) >= 200
     assert among[afar].any(axis=1).all()
+
+
+def test_visits_are_compared_as_far_as_both_see_the_same_sides() -> None:
+    """Facing the other way, half a turn of view shows the other sides of jambs; a full one not."""
+    lap = np.stack([np.linspace(0, 30, 100), np.zeros(100), np.zeros(100)], axis=-1)
+    poses = np.concatenate([lap, lap[::-1] + [0.0, 0.1, np.pi], lap + [0.0, 0.2, 0.0]])
+    for degrees, compared in ((180, False), (360, True)):
+        field = field_of_view(np.radians(np.arange(-90.0, degrees - 90.0)).astype(np.float32))
+        assert field == pytest.approx(np.radians(degrees), abs=0.2)
+        pairs = neighbour_pairs(poses, 4.0, 4, 0.5 * field)
+        first, second = pairs[np.diff(pairs, axis=1)[:, 0] > 12].T // 100
+        assert np.any((first == 0) & (second == 2))
+        assert np.any(first + 1 == second) == compared
 
 
 def test_a_drive_that_comes_back_after_500_m_of_drift_is_closed() -> None:

@@ -355,6 +355,22 @@ def test_joint_alignment_brings_scattered_scans_home(threads: int) -> None:
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.005
 
 
+def test_pairs_count_by_how_well_they_agree() -> None:
+    """Ranges that err by a third as much say up to nine times as much, by one setting for all."""
+    truth = np.stack([np.linspace(-2, 2, 12), np.zeros(12), np.linspace(0, 1, 12)], axis=-1)
+    motions = steps_between(between_planar(truth[:-1], truth[1:]), np.eye(3))
+    pairs = np.array([(i, j) for i in range(12) for j in range(i + 1, 12)], np.int64)
+    known = []
+    for noise in (0.003, 0.009):
+        seen = [room_scan(pose, seed=k, noise=noise) for k, pose in enumerate(truth)]
+        scans = scan_set([prepare_scan(scan, CONFIG) for scan in seen])
+        solved = align_in_rounds(
+            scans, motions, truth, lambda _: pairs, Config(threads=1), Silent()
+        )  # fmt: skip
+        known.append(np.median(solved.joint.information[-len(pairs) :, 0, 0]))
+    assert 3.0 < known[0] / known[1] < 15.0
+
+
 @pytest.mark.parametrize("sight", [1.2, 1.5, 2.0])
 def test_scans_of_a_short_sighted_laser_are_not_torn_apart(sight: float) -> None:
     """Where scans share few points, some that join or leave change what pairs say much."""

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.alignment.joint_covariance import variance_factor
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.system import System, believed_edges, with_edges
-from mapmyworld.config import Config, RegistrationConfig
+from mapmyworld.config import Config
 from mapmyworld.decisions import decided
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_exp
@@ -59,16 +60,17 @@ def align_in_rounds(
 
     The scans are the system's first nodes. `pairs_at` chooses the pairs (P, 2) that are worth
     comparing where the poses are, in each round. Points are associated within `max_distances` (K,),
-    in metres, one of them a round.
+    in metres, one of them a round. Their variance is what the pairs of the round before show.
     """
     moved: list[float] = []
-    settings = config.registration
+    variance = _point_variance(config)
     for reach in max_distances:
         pairs = pairs_at(poses)
         systems = _associated(scans, poses, pairs, reach, config)
-        every = with_edges(system, *pair_edges(poses, pairs, systems, settings))
+        every = with_edges(system, *pair_edges(poses, pairs, systems, variance))
         joint = believed_edges(every, np.ones(len(every.tails), np.bool_))
         before, poses = poses, optimised_roughly(joint, poses, steps=1)
+        variance *= variance_factor(joint, len(pairs), poses)
         moved.append(_length((poses - before)[joint.free >= 0, :2]))
         weights = max(float(systems[:, 9].sum()), 1e-9)
         residual = float(np.sqrt(systems[:, 10].sum() / weights))
@@ -95,7 +97,7 @@ def counted_once(
     if len(pairs) == 0:
         return information
     systems = _associated(scans, poses, pairs, float(FINE[0]), config)
-    known = pair_edges(poses, pairs, systems, config.registration)[3] - FAINT * np.eye(3)
+    known = pair_edges(poses, pairs, systems, _point_variance(config))[3] - FAINT * np.eye(3)
     values, axes = np.linalg.eigh(information)
     root = axes * np.sqrt(np.maximum(values, 1e-12))[:, None, :]
     whitened = np.linalg.solve(root, np.linalg.solve(root, known).swapaxes(1, 2))
@@ -108,14 +110,13 @@ def counted_once(
 
 
 def pair_edges(
-    poses: Array, pairs: Pairs, systems: Array, config: RegistrationConfig
+    poses: Array, pairs: Pairs, systems: Array, variance: float
 ) -> tuple[Pairs, Pairs, Array, Array]:
     """Tails and heads, (P,) both, relative poses (P, 3) and information (P, 3, 3) of pairs (P, 2).
 
     They are where the minimum of each pair's normal equations, `systems` (P, 15), lies, seen from
-    `poses` (N, 3).
+    `poses` (N, 3). Points have this `variance` (m^2) across the other scan's line.
     """
-    variance = config.range_sigma**2 * config.correlation * 2.0
     kept = without_open(systems[:, _UPPER])
     known = kept @ systems[:, _UPPER] @ kept / variance
     pull = kept @ systems[:, 6:9, None] / variance
@@ -124,6 +125,12 @@ def pair_edges(
     tails, heads = pairs.T
     measured = compose_planar(between_planar(poses[tails], poses[heads]), planar_exp(step))
     return tails, heads, measured, information
+
+
+def _point_variance(config: Config) -> float:
+    """Variance (m^2) of points across another scan's line, before pairs show what it is."""
+    settings = config.registration
+    return settings.range_sigma**2 * settings.correlation * 2.0
 
 
 def _length(shifts: Array) -> float:

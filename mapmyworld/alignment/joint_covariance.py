@@ -28,20 +28,30 @@ from mapmyworld.registration.scan_matching import ScanSet
 def as_contradicted(joint: System, pairs: int, poses: Array) -> System:
     """The system with the last `pairs` of its edges as certain as they agree at `poses` (N, 3).
 
-    By one variance component: their squared sigmas over their redundancy, times how many pairs
-    there are a scan. Directions that their points leave open are no measurements.
+    Directions that their points leave open are no measurements.
     """
     if pairs == 0:
         return joint
-    squares = float(edge_chi2(joint, poses)[-pairs:].sum())
-    information, stated = joint.information.copy(), joint.information[-pairs:] - FAINT * np.eye(3)
-    measured = np.einsum("pij,pji->", stated, np.linalg.inv(joint.information[-pairs:]))
+    information, factor = joint.information.copy(), variance_factor(joint, pairs, poses)
+    stated = information[-pairs:] - FAINT * np.eye(3)
+    information[-pairs:] = stated / factor + FAINT * np.eye(3)
+    return replace(joint, information=information)
+
+
+def variance_factor(joint: System, pairs: int, poses: Array) -> float:
+    """By what the variances of the system's last `pairs` are to be multiplied.
+
+    One variance component: their squared sigmas at `poses` (N, 3) over their redundancy, times how
+    many pairs there are a scan.
+    """
+    if pairs == 0:
+        return 1.0
+    squares, known = float(edge_chi2(joint, poses)[-pairs:].sum()), joint.information[-pairs:]
+    measured = np.einsum("pij,pji->", known - FAINT * np.eye(3), np.linalg.inv(known))
     redundancy = float(measured) - joint.size
     factor = squares / redundancy if redundancy > 0 and squares > 0.0 else 1.0
     scans = np.unique(np.concatenate([joint.tails[-pairs:], joint.heads[-pairs:]]))
-    factor *= max(1.0, pairs / max(1, int(np.count_nonzero(joint.free[scans] >= 0))))
-    information[-pairs:] = stated / factor + FAINT * np.eye(3)
-    return replace(joint, information=information)
+    return factor * max(1.0, pairs / max(1, int(np.count_nonzero(joint.free[scans] >= 0))))
 
 
 def without_unmatched(joint: System, pairs: int, blind: Index, ahead: int) -> tuple[System, int]:

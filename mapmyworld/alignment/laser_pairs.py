@@ -34,17 +34,29 @@ def among_first_revisits(poses: NDArray[np.float64], revisits: int) -> NDArray[n
     return first
 
 
+def field_of_view(bearings: NDArray[np.float32]) -> float:
+    """Radians about a lidar in which it sees, given the bearings (P,) of its points.
+
+    In whole sectors of 10 degrees, with the one at which the largest blind one begins.
+    """
+    seen = np.unique((np.degrees(bearings) // 10.0).astype(np.int64) % 36)
+    blind = np.diff(seen, append=seen[:1] + 36).max(initial=1)
+    return float(np.radians(10.0 * (37 - blind)))
+
+
 class ComparedScans:
     """Which scans are compared: those of one visit, and of two where edges show how these lie."""
 
     def __init__(
         self, session: Index, held: NDArray[np.bool_], system: System, start: Array,
-        settings: OdometryConfig,
+        field: float, settings: OdometryConfig,
     ) -> None:  # fmt: skip
         """Of scans that are in a `session` (S,) each, and of which those `held` (S,) stay.
 
-        They are the first nodes of the `system`, whose nodes are at `start` (N, 3).
+        They are the first nodes of the `system`, whose nodes are at `start` (N, 3); the lidar sees
+        a `field` (rad).
         """
+        self._turn = 0.5 * field
         self._session, self._held, self._settings = session, held, settings
         self._system, self._start = system, start
         steps = np.diff(start[: len(held), :2], axis=0)
@@ -55,7 +67,7 @@ class ComparedScans:
         """(P, 2) of the scans, which are at the first of `poses` (N, 3)."""
         radius, held = self._settings.refine_radius, self._held
         pairs = neighbour_pairs(
-            poses[: len(held)], radius, self._settings.refine_revisits,
+            poses[: len(held)], radius, self._settings.refine_revisits, self._turn,
             among=held if held.any() else None,
         )  # fmt: skip
         together = self._session[pairs[:, 0]] == self._session[pairs[:, 1]]
@@ -78,13 +90,16 @@ def neighbour_pairs(
     poses: NDArray[np.float64],
     radius: float,
     revisits: int,
+    turn: float = np.pi,
     among: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.int64]:
     """(P, 2) ascending pairs of scan indices: close in time, or of another pass nearby.
 
     Of each earlier or later pass within `radius` metres of `poses` (N, 3) the nearest scan is
     taken, `revisits` passes at most, so that the cost grows with the drive and not with its square.
-    Other passes are looked for `among` (N,) these scans; all of them, if none are given.
+    It heads the same way, to within `turn` (rad): the other way a robot sees the other sides of
+    jambs and pillars. Other passes are looked for `among` (N,) these scans; all of them, if none
+    are given.
     """
     count = len(poses)
     every = np.arange(count)
@@ -96,6 +111,7 @@ def neighbour_pairs(
         near = block.sparse_distance_matrix(tree, radius, output_type="ndarray")
         scans, others = near["i"] + start, asked[near["j"]]
         apart = np.abs(others - scans) >= _GAP
+        apart &= np.abs(wrap_angle(poses[others, 2] - poses[scans, 2])) <= turn
         keys = np.sort(scans[apart] * count + others[apart])
         found.append(_nearest_of_revisits(poses, keys // count, keys % count, revisits))
     low, high = np.sort(np.concatenate(found), axis=1).T

@@ -25,7 +25,12 @@ from mapmyworld.alignment.joint_system import (
     node_motions,
     step_covariances,
 )
-from mapmyworld.alignment.laser_pairs import AHEAD, ComparedScans, among_first_revisits
+from mapmyworld.alignment.laser_pairs import (
+    AHEAD,
+    ComparedScans,
+    among_first_revisits,
+    field_of_view,
+)
 from mapmyworld.backend.block_matrix import diagonals
 from mapmyworld.backend.system import System
 from mapmyworld.config import Config
@@ -199,7 +204,8 @@ def _rounds(
     rest = task.statements, np.concatenate([poses, landmarks]), stays
     stated, start = joint_system(*given, (tails, heads, measured, information), *rest)
     system, _ = joint_system(*given, (tails, heads, measured, once), *rest)
-    compared = ComparedScans(task.session[task.chosen], held, stated, start, settings)
+    field = field_of_view(task.scans.rows[:, 4])
+    compared = ComparedScans(task.session[task.chosen], held, stated, start, field, settings)
     found = align_in_rounds(task.scans, system, start, compared.pairs_at, config, progress)
     joint = _as_stated(found.joint, stated)
     every, residual = found.poses, found.residual

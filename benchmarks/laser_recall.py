@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from formats.database import open_store
 from formats.relation_files import read_relations
-from mapmyworld.alignment.laser_pairs import neighbour_pairs
+from mapmyworld.alignment.laser_pairs import field_of_view, neighbour_pairs
 from mapmyworld.alignment.laser_refinement import spaced_nodes
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
@@ -82,7 +82,8 @@ def joined_scans(store: MapStore, poses: Array, path: Array) -> Array:
     config = Config()
     settings, chosen = config.odometry, spaced_nodes(poses, config)
     scans, at = load_node_scans(store, config)[1].some(chosen), poses[chosen]
-    pairs = neighbour_pairs(at, settings.refine_radius, settings.refine_revisits)
+    turn = 0.5 * field_of_view(scans.rows[:, 4])
+    pairs = neighbour_pairs(at, settings.refine_radius, settings.refine_revisits, turn)
     driven = path[chosen[pairs]]
     pairs = pairs[driven[:, 1] - driven[:, 0] >= _APART]
     systems = np.zeros((len(pairs), 15))

@@ -217,7 +217,8 @@ def test_other_visits_are_looked_for_among_some_only() -> None:
 def test_visits_are_compared_as_far_as_both_see_the_same_sides() -> None:
     """Facing the other way, half a turn of view shows the other sides of jambs; a full one not."""
     lap = np.stack([np.linspace(0, 30, 100), np.zeros(100), np.zeros(100)], axis=-1)
-    poses = np.concatenate([lap, lap[::-1] + [0.0, 0.1, np.pi], lap + [0.0, 0.2, 0.0]])
+    back, again = np.array([0.0, 0.1, np.pi]), np.array([0.0, 0.2, 0.0])
+    poses = np.concatenate([lap, lap[::-1] + back, lap + again])
     for degrees, compared in ((180, False), (360, True)):
         field = field_of_view(np.radians(np.arange(-90.0, degrees - 90.0)).astype(np.float32))
         assert field == pytest.approx(np.radians(degrees), abs=0.2)

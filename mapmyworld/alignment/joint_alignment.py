@@ -60,7 +60,8 @@ def align_in_rounds(
 
     The scans are the system's first nodes. `pairs_at` chooses the pairs (P, 2) that are worth
     comparing where the poses are, in each round. Points are associated within `max_distances` (K,),
-    in metres, one of them a round. Their variance is what the pairs of the round before show.
+    in metres, one of them a round. Within the last of these their variance is what the pairs of the
+    round before show of it.
     """
     moved: list[float] = []
     variance = _point_variance(config)
@@ -70,7 +71,8 @@ def align_in_rounds(
         every = with_edges(system, *pair_edges(poses, pairs, systems, variance))
         joint = believed_edges(every, np.ones(len(every.tails), np.bool_))
         before, poses = poses, optimised_roughly(joint, poses, steps=1)
-        variance *= variance_factor(joint, len(pairs), poses)
+        if reach == max_distances[-1]:  # beyond it points miss by more than they err
+            variance *= variance_factor(joint, len(pairs), poses)
         moved.append(_length((poses - before)[joint.free >= 0, :2]))
         weights = max(float(systems[:, 9].sum()), 1e-9)
         residual = float(np.sqrt(systems[:, 10].sum() / weights))

@@ -9,8 +9,6 @@ all of them measure once, or a long path would be known as well as pairs are man
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,24 +23,11 @@ from mapmyworld.kernels.laser_motion import FAINT
 from mapmyworld.registration.scan_matching import ScanSet
 
 
-def as_contradicted(joint: System, pairs: int, poses: Array) -> System:
-    """The system with the last `pairs` of its edges as certain as they agree at `poses` (N, 3).
-
-    Directions that their points leave open are no measurements.
-    """
-    if pairs == 0:
-        return joint
-    information, factor = joint.information.copy(), variance_factor(joint, pairs, poses)
-    stated = information[-pairs:] - FAINT * np.eye(3)
-    information[-pairs:] = stated / factor + FAINT * np.eye(3)
-    return replace(joint, information=information)
-
-
 def variance_factor(joint: System, pairs: int, poses: Array) -> float:
     """By what the variances of the system's last `pairs` are to be multiplied.
 
     One variance component: their squared sigmas at `poses` (N, 3) over their redundancy, times how
-    many pairs there are a scan.
+    many pairs there are a scan. Directions that their points leave open are no measurements.
     """
     if pairs == 0:
         return 1.0
@@ -54,8 +39,8 @@ def variance_factor(joint: System, pairs: int, poses: Array) -> float:
     return factor * max(1.0, pairs / max(1, int(np.count_nonzero(joint.free[scans] >= 0))))
 
 
-def without_unmatched(joint: System, pairs: int, blind: Index, ahead: int) -> tuple[System, int]:
-    """The system without some of its last `pairs`, and how many of these it has left.
+def without_unmatched(joint: System, pairs: int, blind: Index, ahead: int) -> System:
+    """The system without some of its last `pairs`.
 
     Left out are those between scans of one visit, up to `ahead` apart, where odometry alone
     measured a motion: `blind` (S,) counts such motions before each scan. Tracking found nothing
@@ -66,7 +51,7 @@ def without_unmatched(joint: System, pairs: int, blind: Index, ahead: int) -> tu
     ends = np.stack([joint.tails[others:], joint.heads[others:]])
     unmatched = (np.diff(blind[ends], axis=0) > 0) & (np.diff(ends, axis=0) <= ahead)
     kept = np.append(np.ones(others, np.bool_), ~unmatched[0])
-    return chosen_edges(joint, kept), int(kept[others:].sum())
+    return chosen_edges(joint, kept)
 
 
 def are_known_within(

@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.alignment.joint_alignment import align_in_rounds, counted_once
 from mapmyworld.alignment.joint_covariance import (
-    as_contradicted,
     carried,
     of_anchors,
     shape_covariances,
@@ -214,8 +213,8 @@ def _rounds(
     own += diagonals(sweep_variances(task.nodes, task.frames, noise, settings)[task.chosen])
     alone = {c.to_id for c in task.constraints if c.is_unmatched}
     blind = np.cumsum([node.id in alone for node in task.nodes])[task.chosen]
-    known, pairs = without_unmatched(joint, found.pairs, blind, AHEAD)
-    spread = marginal_covariances(as_contradicted(known, pairs, every), every)
+    known = without_unmatched(joint, found.pairs, blind, AHEAD)
+    spread = marginal_covariances(known, every)
     anchors = np.zeros(0, np.int64)
     if spread is not None and not held.any():
         spread = spread + of_anchors(found.joint, own, every)

@@ -191,8 +191,8 @@ def test_the_result_does_not_depend_on_threads(optimised: bool) -> None:
 
 def test_neighbours_grow_with_the_drive_not_with_its_square() -> None:
     lap = np.stack([np.linspace(0, 30, 100), np.zeros(100), np.zeros(100)], axis=-1)
-    one = len(neighbour_pairs(np.tile(lap, (4, 1)), 4.0, 4))
-    two = len(neighbour_pairs(np.tile(lap, (16, 1)), 4.0, 4))
+    one = len(neighbour_pairs(np.tile(lap, (4, 1)), 4.0, 4, np.pi))
+    two = len(neighbour_pairs(np.tile(lap, (16, 1)), 4.0, 4, np.pi))
     assert two < 5 * one
 
 
@@ -208,7 +208,7 @@ def test_other_visits_are_looked_for_among_some_only() -> None:
     lap = np.stack([np.linspace(0, 30, 100), np.zeros(100), np.zeros(100)], axis=-1)
     poses = np.tile(lap, (3, 1))
     among = np.arange(300) < 100
-    pairs = neighbour_pairs(poses, 4.0, 4, among=among)
+    pairs = neighbour_pairs(poses, 4.0, 4, np.pi, among)
     afar = pairs[np.diff(pairs, axis=1)[:, 0] > 12]  # nearer ones are of one visit
     assert len(afar) >= 200
     assert among[afar].any(axis=1).all()

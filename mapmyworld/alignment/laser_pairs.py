@@ -90,7 +90,7 @@ def neighbour_pairs(
     poses: NDArray[np.float64],
     radius: float,
     revisits: int,
-    turn: float = np.pi,
+    turn: float,
     among: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.int64]:
     """(P, 2) ascending pairs of scan indices: close in time, or of another pass nearby.

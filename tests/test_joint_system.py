@@ -5,18 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
-from laser_rooms import WALLS, cast
 from sample_verdicts import REJECTED
 
-from mapmyworld.alignment.joint_alignment import align_in_rounds, counted_once, pair_edges
+from mapmyworld.alignment.joint_alignment import align_in_rounds
 from mapmyworld.alignment.joint_system import Statements, joint_system, node_motions
+from mapmyworld.alignment.odometry_variances import WeighedOdometry
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
-from mapmyworld.kernels.laser_motion import FAINT
-from mapmyworld.kernels.scan_alignment import pair_systems
-from mapmyworld.registration.scan_matching import FINE, prepare_scan, scan_set
+from mapmyworld.registration.scan_matching import scan_set
 from mapmyworld.types import (
     ConstraintKind,
     ImageMatch,
@@ -61,7 +58,6 @@ NODES = [
     for k, i in enumerate((5, 6, 7, 8))
 ]
 CHOSEN = np.arange(4)
-MOTIONS = node_motions(NODES, CHOSEN, GIVEN)
 
 
 def test_scans_state_nothing_that_their_alignment_does_not_see() -> None:
@@ -72,14 +68,12 @@ def test_scans_state_nothing_that_their_alignment_does_not_see() -> None:
     assert Statements.of(NODES, GIVEN[:1]).concerns(NODES).tolist() == []
 
 
-def test_motions_closures_and_statements_are_edges_of_one_system() -> None:
+def test_closures_and_statements_are_edges_of_one_system() -> None:
     stated, held = Statements.of(NODES, GIVEN), np.zeros(5, np.bool_)
-    system, every = joint_system(NODES, CHOSEN, GIVEN, MOTIONS, stated, AT, held)
+    system, every = joint_system(NODES, CHOSEN, GIVEN, stated, AT, held)
     ends = list(zip(system.tails.tolist(), system.heads.tolist(), strict=True))
-    stated_ends, motions, closures = ends[:4], ends[4:7], ends[7:]
-    assert stated_ends == [(1, 2), (0, 3), (2, 4), (5, 1)]  # four nodes, the landmark, the map
-    assert motions == [(0, 1), (1, 2), (2, 3)]
-    assert closures == [(0, 2)]
+    assert ends[:4] == [(1, 2), (0, 3), (2, 4), (5, 1)]  # four nodes, the landmark, the map
+    assert ends[4:] == [(0, 2)]
     assert np.flatnonzero(system.free < 0).tolist() == [5]
     assert len(every) == 6
 
@@ -92,35 +86,12 @@ def test_landmarks_move_with_what_sees_them_and_priors_move_the_map() -> None:
         Poses(np.array([-2]), planar_to_matrix(AT[4:])),
     )
     assert np.allclose(stated.places_of(landmark), AT[4:])
-    motions = node_motions(vague, CHOSEN, GIVEN[2:3])
-    system, every = joint_system(vague, CHOSEN, GIVEN[2:3], motions, stated, AT, np.zeros(5, bool))
-    none = np.zeros((0, 2), np.int64)
-    rest = (lambda _: none), Config(threads=1), Silent(), np.full(8, 0.1)
+    system, every = joint_system(vague, CHOSEN, GIVEN[2:3], stated, AT, np.zeros(5, np.bool_))
+    motions, none = node_motions(vague, CHOSEN, GIVEN[2:3]), np.zeros((0, 2), np.int64)
+    odometry = WeighedOdometry(vague, CHOSEN, AT[:4], motions, np.zeros(0, np.bool_))
+    rest = odometry, (lambda _: none), Config(threads=1), Silent(), np.full(8, 0.1)
     solved = align_in_rounds(scan_set([]), system, every, *rest)
     prior, seen = solved.poses[1], between_planar(solved.poses[2], solved.poses[4])
     np.testing.assert_allclose(prior, [1.0, 0.0, 0.0], atol=1e-5)
     np.testing.assert_allclose(seen, [1.0, 0.0, 0.0], atol=1e-5)
     np.testing.assert_array_equal(solved.poses[5], 0.0)
-
-
-@pytest.mark.parametrize("walls", [WALLS, np.array([[-99.0, -1.0, 99.0, -1.0]])])
-def test_motions_count_once_where_pairs_compare_the_same_points(walls: np.ndarray) -> None:
-    """What they know of odometry, along a bare wall, no pair measures anew."""
-    config = Config()
-    poses = np.stack([np.linspace(-2.0, -1.0, 5), np.full(5, 0.5), np.zeros(5)], axis=-1)
-    scans = scan_set(
-        [prepare_scan(cast(p, walls, k), config.registration) for k, p in enumerate(poses)]
-    )
-    pairs = np.stack([np.arange(4), np.arange(1, 5)], axis=-1)
-    systems = np.zeros((4, 15))
-    reach, scale = FINE[0], config.registration.residual_share * FINE[0]
-    pair_systems(0, 4, scans.rows, scans.bounds, scans.origins, pairs, poses, reach, scale, systems)
-    variance = 2.0 * config.registration.correlation * config.registration.range_sigma**2
-    known = pair_edges(poses, pairs, systems, variance)[3] - FAINT * np.eye(3)
-    by_wheels = np.diag([400.0, 0.0, 0.0]) if len(walls) == 1 else np.zeros((3, 3))
-    faint = 1e-6 * np.eye(3)
-    for factor in (1.0, 10.0):
-        stated = factor * known + by_wheels + faint
-        found = counted_once(scans, poses, pairs, stated, config)
-        np.testing.assert_allclose(found, known + by_wheels, rtol=0.02, atol=3e-4 * known.max())
-    assert counted_once(scans, poses, pairs[:0], np.zeros((0, 3, 3)), config).shape == (0, 3, 3)

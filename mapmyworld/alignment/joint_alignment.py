@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.alignment.joint_covariance import variance_factor
+from mapmyworld.alignment.odometry_variances import WeighedOdometry
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.system import System, believed_edges, with_edges
 from mapmyworld.config import Config
@@ -28,6 +29,7 @@ from mapmyworld.types import Progress
 
 Pairs = NDArray[np.int64]
 _UPPER = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+_STEPS = 2  # in which variances are learnt in a round
 _OPEN = 0.01  # share of the best known direction's information up to which another is open
 
 
@@ -36,7 +38,7 @@ class JointAlignment:
     """What the joint alignment came to."""
 
     poses: Array
-    """(N, 3)."""
+    """(N + S, 3): of the system's nodes, then of a robot for every scan."""
     moved: tuple[float, ...]
     """Root mean square movement of what does not stay in each round, metres."""
     residual: float
@@ -51,29 +53,35 @@ def align_in_rounds(
     scans: ScanSet,
     system: System,
     poses: Array,
+    odometry: WeighedOdometry,
     pairs_at: Callable[[Array], Pairs],
     config: Config,
     progress: Progress,
     max_distances: Array = FINE,
 ) -> JointAlignment:
-    """Poses (N, 3) that fit pairs of scans and the system's edges best, from poses far off on.
+    """Poses (N, 3) that fit pairs of scans, odometry and the system's edges best, from far off on.
 
     The scans are the system's first nodes. `pairs_at` chooses the pairs (P, 2) that are worth
     comparing where the poses are, in each round. Points are associated within `max_distances` (K,),
-    in metres, one of them a round. Within the last of these their variance is what the pairs of the
-    round before show of it.
+    in metres, one of them a round. Within the last of these the variances of points and odometry
+    are what the solution before shows of them.
     """
     moved: list[float] = []
-    variance = _point_variance(config)
+    variance, count = _point_variance(config), len(poses)
+    poses = odometry.robots(poses)
     for reach in max_distances:
-        pairs = pairs_at(poses)
-        systems = _associated(scans, poses, pairs, reach, config)
-        every = with_edges(system, *pair_edges(poses, pairs, systems, variance))
-        joint = believed_edges(every, np.ones(len(every.tails), np.bool_))
-        before, poses = poses, optimised_roughly(joint, poses, steps=1)
-        if reach == max_distances[-1]:  # beyond it points miss by more than they err
-            variance *= variance_factor(joint, len(pairs), poses)
-        moved.append(_length((poses - before)[joint.free >= 0, :2]))
+        before, pairs = poses, pairs_at(poses[:count])
+        systems = _associated(scans, before, pairs, reach, config)
+        learns = reach == max_distances[-1]  # beyond it points miss by more than they err
+        for _ in range(_STEPS if learns else 1):
+            every = odometry.beside(system)
+            every = with_edges(every, *pair_edges(before, pairs, systems, variance))
+            joint = believed_edges(every, np.ones(len(every.tails), np.bool_))
+            poses = optimised_roughly(joint, poses, steps=1)
+            if learns:
+                variance *= variance_factor(joint, len(pairs), poses)
+                odometry.learn(joint, poses)
+        moved.append(_length((poses - before)[:count][joint.free[:count] >= 0, :2]))
         weights = max(float(systems[:, 9].sum()), 1e-9)
         residual = float(np.sqrt(systems[:, 10].sum() / weights))
         progress.update(len(moved))
@@ -82,33 +90,6 @@ def align_in_rounds(
             f"{len(pairs)} pairs of scans, moved by {moved[-1]:.4f} m, residual {residual:.4f} m",
         )
     return JointAlignment(poses, tuple(moved), residual, joint, len(pairs))
-
-
-def counted_once(
-    scans: ScanSet, poses: Array, pairs: Pairs, information: Array, config: Config
-) -> Array:
-    """(P, 3, 3) what tracked motions know beside pairs, which compare the same points.
-
-    Motions between the `pairs` (P, 2) of scans at `poses` (S, 3) state `information` (P, 3, 3).
-    Each was matched by the points that the pair of its two scans compares anew, so it is the same
-    measurement. But tracking learns how well matches agree, not what they err by in common: by that
-    its motions would outweigh all pairs. So they count by the median share of what pairs know of
-    theirs. Where a pair knows less than that of its motion, as along a bare wall, the motion rests
-    on odometry, which no pair measures anew.
-    """
-    if len(pairs) == 0:
-        return information
-    systems = _associated(scans, poses, pairs, float(FINE[0]), config)
-    known = pair_edges(poses, pairs, systems, _point_variance(config))[3] - FAINT * np.eye(3)
-    values, axes = np.linalg.eigh(information)
-    root = axes * np.sqrt(np.maximum(values, 1e-12))[:, None, :]
-    whitened = np.linalg.solve(root, np.linalg.solve(root, known).swapaxes(1, 2))
-    shares, axes = np.linalg.eigh(whitened)
-    share = min(1.0, float(np.median(shares)))
-    decided("refine", f"motions count by {share:.3f} where pairs know as much of them")
-    twice = np.clip(shares, 0.0, share) / max(share, 1e-12)
-    left = root @ (axes * np.sqrt(1.0 - (1.0 - share) * twice)[:, None])
-    return np.asarray(left @ left.swapaxes(1, 2))
 
 
 def pair_edges(

@@ -33,10 +33,11 @@ def variance_factor(joint: System, pairs: int, poses: Array) -> float:
         return 1.0
     squares, known = float(edge_chi2(joint, poses)[-pairs:].sum()), joint.information[-pairs:]
     measured = np.einsum("pij,pji->", known - FAINT * np.eye(3), np.linalg.inv(known))
-    redundancy = float(measured) - joint.size
-    factor = squares / redundancy if redundancy > 0 and squares > 0.0 else 1.0
     scans = np.unique(np.concatenate([joint.tails[-pairs:], joint.heads[-pairs:]]))
-    return factor * max(1.0, pairs / max(1, int(np.count_nonzero(joint.free[scans] >= 0))))
+    free = int(np.count_nonzero(joint.free[scans] >= 0))
+    redundancy = float(measured) - joint.dimension * free
+    factor = squares / redundancy if redundancy > 0 and squares > 0.0 else 1.0
+    return factor * max(1.0, pairs / max(1, free))
 
 
 def without_unmatched(joint: System, pairs: int, blind: Index, ahead: int) -> System:

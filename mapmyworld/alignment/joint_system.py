@@ -71,18 +71,17 @@ def _ends(constraint: Judged) -> tuple[int, int]:
 
 
 def joint_system(
-    nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged], motions: Edges,
+    nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged],
     stated: Statements, poses: Array, held: NDArray[np.bool_],
 ) -> tuple[System, Array]:  # fmt: skip
-    """The system of `chosen` (S,) nodes, tied by `motions` (E,), and of the landmarks.
+    """The system of `chosen` (S,) nodes, tied by closures, and of the landmarks.
 
     They are at `poses` (N, 3), N = S + L, of which those that are `held` (N,) stay. Then all poses
     (N + 1, 3), that of the map's own frame, which stays too, last.
     """
     ids = np.array([*(nodes[k].id for k in chosen.tolist()), *stated.landmarks], np.int64)
     known = stated_system(ids, planar_to_matrix(poses), stated.constraints, planar=True)
-    system = with_edges(known.system, *motions)
-    system = with_edges(system, *_closed(nodes, chosen, constraints))
+    system = with_edges(known.system, *_closed(nodes, chosen, constraints))
     return system.held(np.append(held, True)), np.concatenate([poses, np.zeros((1, 3))])
 
 

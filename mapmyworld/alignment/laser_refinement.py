@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mapmyworld.alignment.joint_alignment import align_in_rounds, counted_once
+from mapmyworld.alignment.joint_alignment import align_in_rounds
 from mapmyworld.alignment.joint_covariance import (
     carried,
     of_anchors,
@@ -30,8 +30,9 @@ from mapmyworld.alignment.laser_pairs import (
     among_first_revisits,
     field_of_view,
 )
+from mapmyworld.alignment.odometry_variances import WeighedOdometry
 from mapmyworld.backend.block_matrix import diagonals
-from mapmyworld.backend.system import System
+from mapmyworld.backend.system import with_edges
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import (
@@ -198,35 +199,30 @@ def _rounds(
     count = len(poses)
     stays = np.append(held, np.zeros(len(landmarks), np.bool_))
     given = task.nodes, task.chosen, task.constraints
-    tails, heads, measured, information = node_motions(*given)
-    once = counted_once(task.scans, poses, np.stack([tails, heads], 1), information, config)
-    rest = task.statements, np.concatenate([poses, landmarks]), stays
-    stated, start = joint_system(*given, (tails, heads, measured, information), *rest)
-    system, _ = joint_system(*given, (tails, heads, measured, once), *rest)
+    motions = node_motions(*given)
+    system, start = joint_system(*given, task.statements, np.concatenate([poses, landmarks]), stays)
+    alone = {c.to_id for c in task.constraints if c.is_unmatched}
+    blind = np.cumsum([node.id in alone for node in task.nodes])[task.chosen]
+    matched = blind[motions[0]] == blind[motions[1]]
+    odometry = WeighedOdometry(task.nodes, task.chosen, poses, motions, matched)
+    stated = with_edges(system, *motions)
     field = field_of_view(task.scans.rows[:, 4])
     compared = ComparedScans(task.session[task.chosen], held, stated, start, field, settings)
-    found = align_in_rounds(task.scans, system, start, compared.pairs_at, config, progress)
-    joint = _as_stated(found.joint, stated)
+    compare = compared.pairs_at
+    found = align_in_rounds(task.scans, system, start, odometry, compare, config, progress)
     every, residual = found.poses, found.residual
     own = shape_covariances(task.scans, residual)
     noise = np.median(own.diagonal(0, 1, 2), axis=0)
     own += diagonals(sweep_variances(task.nodes, task.frames, noise, settings)[task.chosen])
-    alone = {c.to_id for c in task.constraints if c.is_unmatched}
-    blind = np.cumsum([node.id in alone for node in task.nodes])[task.chosen]
-    known = without_unmatched(joint, found.pairs, blind, AHEAD)
-    spread = marginal_covariances(known, every)
+    known = without_unmatched(found.joint, found.pairs, blind, AHEAD)
+    mapped = len(poses) + len(landmarks)
+    spread = marginal_covariances(known, every, mapped)
     anchors = np.zeros(0, np.int64)
     if spread is not None and not held.any():
-        spread = spread + of_anchors(found.joint, own, every)
+        spread = spread + of_anchors(found.joint, own, every)[:mapped]
         anchors = np.flatnonzero(found.joint.free[:count] < 0)
-    spread = None if spread is None else spread[:-1]
-    return _Aligned(every[:count], every[count:-1], found.moved, residual, spread, own, anchors)
-
-
-def _as_stated(joint: System, stated: System) -> System:
-    """The joint system, in which the edges of the `stated` one are as certain as they are there."""
-    others = joint.information[len(stated.tails) :]
-    return replace(joint, information=np.concatenate([stated.information, others]))
+    rest = found.moved, residual, spread, own, anchors
+    return _Aligned(every[:count], every[count:mapped], *rest)
 
 
 def _sessions(nodes: Sequence[Node], tracked: Index) -> list[tuple[int, int]]:

@@ -20,12 +20,13 @@ from mapmyworld.geometry import Array
 from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.kernels.laser_motion import wrapped
 
-_FIRST_NOISE = 0.01  # m^2 per m and rad^2 per rad, of wheels nobody calibrated
-_FIRST_SIGMAS = (0.03, 0.015, 0.03)  # m per m, rad per m, rad per rad, of the same
+FIRST_NOISE = 0.01  # m^2 per m and rad^2 per rad, of wheels nobody calibrated
+FIRST_SIGMAS = (0.03, 0.015, 0.03)  # m per m, rad per m, rad per rad, of the same
 _FLOOR = 0.005  # m, and half as many rad, that any recorded motion may be off by
+METRES_PER_RADIAN, RADIANS_PER_METRE = 0.04, 0.09  # as noise of position and of heading counts
 MEMORY = 0.95  # weight of the past in running means of how the robot moves
 _LARGEST = 0.25  # noise, in its units, that one innovation may teach
-_OUTLIER = 16.0  # NIS from which an innovation is a fault, and teaches nothing systematic
+OUTLIER = 16.0  # NIS from which an innovation is a fault, and teaches nothing systematic
 _SHOWS = 9.0  # squared sigmas of a straight way from which a matched rotation was one
 MOVES = 0.01  # m and rad from which a robot moves, and not only its measurements
 
@@ -33,7 +34,7 @@ MOVES = 0.01  # m and rad from which a robot moves, and not only its measurement
 def new_wheels() -> Array:
     """A model (15,) of wheels about which nothing is known yet."""
     wheels = np.zeros(15)
-    wheels[:2], wheels[5:8] = _FIRST_NOISE, np.square(_FIRST_SIGMAS)
+    wheels[:2], wheels[5:8] = FIRST_NOISE, np.square(FIRST_SIGMAS)
     return wheels
 
 
@@ -86,10 +87,10 @@ def reckoned_variances(wheels: Array) -> Array:
 def random_variances(noise: Array, path: float, rotation: float) -> Array:
     """Variances (3,), m^2 and rad^2, of `noise` (2,) over a path, m, and rotation, rad.
 
-    Position counts a radian as 0.04 m, and heading a metre as 0.09 rad.
+    Position counts a radian as some metres, and heading a metre as some radians.
     """
-    position = noise[0] * (path + 0.04 * rotation) + _FLOOR * _FLOOR
-    heading = noise[1] * (rotation + 0.09 * path) + 0.25 * _FLOOR * _FLOOR
+    position = noise[0] * (path + METRES_PER_RADIAN * rotation) + _FLOOR * _FLOOR
+    heading = noise[1] * (rotation + RADIANS_PER_METRE * path) + 0.25 * _FLOOR * _FLOOR
     return np.array([position, position, heading])
 
 
@@ -105,10 +106,10 @@ def learn(wheels: Array, found: Array, variances: Array, is_open: bool) -> None:
     if wheels[11] < MOVES and wheels[12] < MOVES:
         return
     once = random_variances(np.ones(2), wheels[11], wheels[12])
-    weight = min(1.0, _OUTLIER / max(found[6], 1e-9))  # a fault: as the largest that is none
+    weight = min(1.0, OUTLIER / max(found[6], 1e-9))  # a fault: as the largest that is none
     _learn_noise(wheels, 0, 0.5 * (found[0] * found[0] + found[1] * found[1]) / once[0] * weight)
     _learn_noise(wheels, 1, found[2] * found[2] / once[2] * weight)
-    if found[6] < _OUTLIER:
+    if found[6] < OUTLIER:
         if not is_open:
             _learn_systematic(wheels, 0, found, variances, 0, wheels[13])
         _learn_systematic(wheels, 1, found, variances, 2, wheels[13])

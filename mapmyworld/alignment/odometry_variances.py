@@ -1,0 +1,209 @@
+"""Odometry in the joint alignment: calibrated by the scans, with the noise that they show of it.
+
+Between two scans goes what the wheels recorded, not what was tracked: tracking compared the same
+points as pairs of scans do. Odometry carries a robot whose every scan lies beside it by an error of
+its own, of its stamps or of its sweep. What motions err by, along, across and in heading, and what
+scans do, are six variance components (Helmert 1907; Koch, "Parameter estimation and hypothesis
+testing in linear models", 1999, 3.6): squared residuals over redundancy, which is what the other
+measurements know of them. Where none shows how far a corridor goes nothing is learnt of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.alignment.joint_system import Edges
+from mapmyworld.backend.information import NotPositiveDefiniteError
+from mapmyworld.backend.residuals import edge_residuals
+from mapmyworld.backend.system import System, number_free, with_edges
+from mapmyworld.decisions import decided
+from mapmyworld.geometry import Array, Index
+from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
+from mapmyworld.graph.covariance import relative_covariances
+from mapmyworld.kernels.wheel_model import (
+    FIRST_NOISE,
+    FIRST_SIGMAS,
+    METRES_PER_RADIAN,
+    MOVES,
+    OUTLIER,
+    RADIANS_PER_METRE,
+)
+from mapmyworld.types import Node
+
+_ASKED = 256  # motions, and scans, that variances are learnt from in a step
+_LEAST = 1e-6  # m^2 per m and rad^2 per rad, which no odometry is better than
+_SHARE = 0.01  # of a motion's variance, that one of its scans or the odometry has at least
+_START = 10  # fits of systematic errors from none, each weighed by the one before
+
+
+class WeighedOdometry:
+    """The odometry between S scans, and robots that it carries, one to a scan."""
+
+    errors: Array
+    """(3,) scale, heading by distance [rad/m] and by rotation [rad/rad]."""
+    noise: Array
+    """(3,) variances of motions along, across and in heading: m^2 and rad^2, a metre or radian."""
+    scatter: Array
+    """(3,) m^2, m^2 and rad^2: variances of how scans lie beside their robots."""
+    trusted: NDArray[np.bool_]
+    """(E,) motions that count, and are no faults of the odometry."""
+
+    def __init__(
+        self, nodes: Sequence[Node], chosen: Index, poses: Array, tracked: Edges,
+        matched: NDArray[np.bool_],
+    ) -> None:  # fmt: skip
+        """Between `chosen` nodes (S,), whose scans are at `poses` (S, 3).
+
+        Where it is at fault, or the robot stood, the `tracked` motions (E,) count, and so they do
+        where they were not `matched` (E,): they are odometry, and tracking knows if it stalled.
+        """
+        recorded = matrix_to_planar(np.stack([node.odom_from_base for node in nodes]))
+        steps = between_planar(recorded[:-1], recorded[1:])
+        path = np.append(0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))
+        turned = np.append(0.0, np.cumsum(np.abs(wrap_angle(steps[:, 2]))))
+        self._tails, self._heads = tracked[:2]
+        before, after = chosen[self._tails], chosen[self._heads]
+        metres, radians = path[after] - path[before], turned[after] - turned[before]
+        position = metres + METRES_PER_RADIAN * radians
+        heading = radians + RADIANS_PER_METRE * metres
+        self._recorded = between_planar(recorded[before], recorded[after])
+        self._lengths = np.maximum(np.stack([position, position, heading], axis=1), MOVES)
+        self._usable = matched & (metres + radians > MOVES)
+        self._tracked, self._count = tracked, len(chosen)
+        self.errors, self.trusted = np.zeros(3), self._usable
+        self.noise, self.scatter = np.full(3, FIRST_NOISE), np.full(3, _SHARE * _LEAST)
+        self._begin(between_planar(poses[self._tails], poses[self._heads]))
+
+    def _begin(self, found: Array) -> None:
+        """Noise and scatter of what misses motions that were `found` (E, 3).
+
+        The first noise is too much: motions that are no faults by it show less, and so on. What a
+        scan errs by ends one motion and begins the next: by its variance their product is less.
+        """
+        if not len(found):
+            return
+        for _ in range(_START):
+            self._trust(found)
+            self._calibrate(found)
+            missed, variances = self._missed(found)[self.trusted], self._variances()[self.trusted]
+            self.noise = np.maximum(self.noise * _change(missed, 0.0 * missed, variances), _LEAST)
+        first = np.flatnonzero(self._heads[:-1] == self._tails[1:])
+        first = first[self.trusted[first] & self.trusted[first + 1]]
+        missed, typical = self._missed(found), np.median(self._lengths, axis=0)
+        shared = -np.sum(missed[first] * missed[first + 1], axis=0) / max(1, len(first))
+        whole = self.noise * typical
+        self.scatter = np.clip(shared, _SHARE * whole, (0.5 - _SHARE) * whole)
+        self.noise = (whole - 2.0 * self.scatter) / typical  # a motion has two ends
+
+    def robots(self, poses: Array) -> Array:
+        """(N + S, 3) the `poses` (N, 3), scans first, then the robots, each where its scan is."""
+        return np.concatenate([poses, poses[: self._count]])
+
+    def beside(self, system: System) -> System:
+        """The system of N nodes, the scans first, with the robots and the odometry behind."""
+        count, scans = len(system.free), np.arange(self._count)
+        stays = np.append(system.free < 0, np.zeros(len(scans), np.bool_))
+        joint = replace(system, free=number_free(stays))
+        lies = np.tile(np.diag(1.0 / self.scatter), (len(scans), 1, 1))
+        joint = with_edges(joint, scans, count + scans, np.zeros((len(scans), 3)), lies)
+        rows = np.flatnonzero(self.trusted)
+        ends = count + self._tails[rows], count + self._heads[rows]
+        known = np.zeros((len(rows), 3, 3))
+        known[:, range(3), range(3)] = 1.0 / self._variances()[rows]
+        joint = with_edges(joint, *ends, self._measured()[rows], known)
+        faults = np.flatnonzero(~self.trusted)
+        tails, heads, measured, information = self._tracked
+        ends = tails[faults], heads[faults]
+        return with_edges(joint, *ends, measured[faults], information[faults])
+
+    def learn(self, joint: System, poses: Array) -> None:
+        """One step to the variances that the system, solved by `poses` (N + S, 3), shows."""
+        scans = np.arange(self._count)
+        robots = len(poses) - len(scans) + scans
+        tails, heads = robots[self._tails], robots[self._heads]
+        rows, asked = _some(np.flatnonzero(self.trusted)), _some(scans)
+        ends = np.append(tails[rows], asked), np.append(heads[rows], robots[asked])
+        try:
+            spread = relative_covariances(joint, poses, *ends).diagonal(0, 1, 2)
+        except NotPositiveDefiniteError:
+            return
+        variances = self._variances()
+        missed = edge_residuals(True, poses[tails], poses[heads], self._measured())
+        beside = between_planar(poses[scans], poses[robots])
+        by_motion = _change(missed[rows], spread[: len(rows)], variances[rows])
+        by_scan = _change(beside[asked], spread[len(rows) :], self.scatter)
+        self.noise = np.maximum(self.noise * by_motion, _LEAST)
+        self.scatter = np.maximum(self.scatter * by_scan, _SHARE * _LEAST)
+        decided(
+            "refine",
+            f"odometry errs by {_text(self.noise)} a metre along, across and in heading, "
+            f"scans beside it by {_text(self.scatter)}",
+        )
+        found = between_planar(poses[tails], poses[heads])
+        self._calibrate(found)
+        self._trust(found)
+
+    def _calibrate(self, found: Array) -> None:
+        """Scale, heading by distance and by rotation, fitted to motions that were `found` (E, 3).
+
+        By the rotation that was found: noise of the recorded one would make it less.
+        """
+        use = self.trusted
+        weight = 1.0 / (self._variances() + 2.0 * self.scatter)[use]
+        x, y, turn = self._recorded[use].T
+        turned = found[use, 2]
+        first = np.diag(1.0 / np.square(FIRST_SIGMAS))
+        along = weight[:, 0] @ (x * x) + weight[:, 1] @ (y * y)
+        off = weight[:, 0] @ (x * (found[use, 0] - x)) + weight[:, 1] @ (y * (found[use, 1] - y))
+        self.errors[0] = off / (along + first[0, 0])
+        slopes = np.stack([x, turned], axis=1)
+        weighed = slopes.T * weight[:, 2]
+        right = weighed @ wrap_angle(turned - turn)
+        self.errors[1:] = np.linalg.solve(weighed @ slopes + first[1:, 1:], right)
+
+    def _trust(self, found: Array) -> None:
+        """Which motions are no faults of the odometry."""
+        variances = self._variances() + 2.0 * self.scatter
+        squares = np.sum(self._missed(found) ** 2 / variances, axis=1)
+        self.trusted = np.asarray(self._usable & (squares < OUTLIER))
+
+    def _missed(self, found: Array) -> Array:
+        missed = found - self._measured()
+        missed[:, 2] = wrap_angle(missed[:, 2])
+        return np.asarray(missed)
+
+    def _measured(self) -> Array:
+        """(E, 3) recorded motions without systematic errors."""
+        scale, by_distance, by_rotation = self.errors
+        measured = self._recorded * [1.0 + scale, 1.0 + scale, 1.0]
+        measured[:, 2] += by_distance * self._recorded[:, 0]
+        measured[:, 2] /= 1.0 - by_rotation
+        return np.asarray(measured)
+
+    def _variances(self) -> Array:
+        return np.asarray(self.noise * self._lengths)
+
+
+def _change(missed: Array, known: Array, variances: Array) -> Array:
+    """(3,) by what `variances` (E, 3) or (3,) change, after residuals that `missed` (E, 3) zero.
+
+    The solution knows the measurements by `known` (E, 3); the better, the less redundant they are.
+    One more residual is as large as was believed: where nothing is redundant nothing changes.
+    """
+    redundancy = np.clip(1.0 - known / variances, 0.0, 1.0)
+    squares = missed**2 / variances
+    return np.asarray((1.0 + squares.sum(axis=0)) / (1.0 + redundancy.sum(axis=0)))
+
+
+def _some(rows: Index) -> Index:
+    """Up to `_ASKED` of these, evenly."""
+    return rows[np.linspace(0, len(rows) - 1, min(len(rows), _ASKED)).astype(np.int64)]
+
+
+def _text(variances: Array) -> str:
+    x, y, yaw = np.sqrt(variances).tolist()
+    return f"{x:.4f} m, {y:.4f} m, {np.degrees(yaw):.2f} deg"

@@ -1,0 +1,133 @@
+"""What scans show of the odometry between them: its systematic errors, its noise, its faults."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mapmyworld.alignment.odometry_variances import WeighedOdometry
+from mapmyworld.backend.descent import optimised_roughly
+from mapmyworld.backend.system import System, believed_edges, number_free, with_edges
+from mapmyworld.geometry import Array
+from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
+from mapmyworld.kernels.wheel_model import METRES_PER_RADIAN, RADIANS_PER_METRE
+from mapmyworld.types import Node
+
+COUNT = 800
+ERRORS = np.array([-0.02, 0.01, 0.03])
+NOISE = np.array([0.02, 0.015, np.radians(1.5)])
+SCATTER = np.array([0.015, 0.015, np.radians(0.6)])
+EXACT = np.diag([1e8, 1e8, 1e9])
+ALONG_OPEN = np.diag([1e-3, 1e8, 1e9])
+
+
+def chained(steps: Array) -> Array:
+    """(N + 1, 3) the poses that steps (N, 3) lead to."""
+    poses = [np.zeros(3)]
+    for step in steps:
+        poses.append(compose_planar(poses[-1], step))
+    return np.array(poses)
+
+
+class Drive:
+    """A drive along a way of bends, with odometry that errs as `ERRORS` and `NOISE` say."""
+
+    def __init__(self, scatter: Array = SCATTER, faults: int = 0) -> None:
+        random = np.random.default_rng(5)
+        ahead, turn = random.uniform(0.3, 0.6, COUNT - 1), random.uniform(-0.3, 0.5, COUNT - 1)
+        steps = np.stack([ahead, np.zeros(COUNT - 1), turn], axis=1)
+        position = ahead + METRES_PER_RADIAN * np.abs(turn)
+        heading = np.abs(turn) + RADIANS_PER_METRE * ahead
+        lengths = np.stack([position, position, heading], axis=1)
+        recorded = steps + random.normal(size=steps.shape) * NOISE * np.sqrt(lengths)
+        recorded[:, 2] = (1.0 - ERRORS[2]) * recorded[:, 2] - ERRORS[1] * recorded[:, 0]
+        recorded[:, :2] /= 1.0 + ERRORS[0]
+        self.faults = np.linspace(5, COUNT - 5, faults).astype(np.int64)
+        recorded[self.faults, 0] = 0.0
+        self.truth = chained(steps)
+        self.scans = compose_planar(self.truth, random.normal(size=(COUNT, 3)) * scatter)
+        odometry = planar_to_matrix(chained(recorded))
+        self.nodes = [Node(k + 1, 1, k, pose, pose) for k, pose in enumerate(odometry)]
+        self.pairs = np.array([(k, k + d) for d in (1, 2, 4) for k in range(COUNT - d)])
+
+    def learnt(self, known: Array = EXACT, steps: int = 8) -> tuple[WeighedOdometry, Array]:
+        """After some steps, and where it has the scans, which pairs of this information hold."""
+        tails, heads = self.pairs.T
+        measured = between_planar(self.scans[tails], self.scans[heads])
+        information = np.tile(known, (len(tails), 1, 1))
+        ends = np.arange(COUNT - 1), np.arange(1, COUNT)
+        tracked = *ends, between_planar(self.scans[:-1], self.scans[1:]), information[: COUNT - 1]
+        matched = np.ones(COUNT - 1, np.bool_)
+        odometry = WeighedOdometry(self.nodes, np.arange(COUNT), self.scans, tracked, matched)
+        none, empty = np.zeros(0, np.int64), np.zeros((0, 3))
+        free = number_free(np.arange(COUNT) == 0)
+        system = System(True, none, none, empty, np.zeros((0, 3, 3)), free)
+        poses = odometry.robots(self.scans)
+        for _ in range(steps):
+            joint = with_edges(odometry.beside(system), tails, heads, measured, information)
+            joint = believed_edges(joint, np.ones(len(joint.tails), np.bool_))
+            poses = optimised_roughly(joint, poses)
+            odometry.learn(joint, poses)
+        return odometry, poses
+
+
+def test_noise_of_motions_and_of_scans_are_told_apart() -> None:
+    found, _ = Drive().learnt()
+    np.testing.assert_allclose(np.sqrt(found.noise), NOISE, rtol=0.35)
+    np.testing.assert_allclose(np.sqrt(found.scatter), SCATTER, rtol=0.2)
+    np.testing.assert_allclose(found.errors, ERRORS, atol=0.006)
+    assert found.trusted.mean() > 0.98
+
+
+def test_scans_that_lie_where_the_robot_is_have_no_scatter() -> None:
+    found, _ = Drive(scatter=np.zeros(3)).learnt()
+    np.testing.assert_allclose(np.sqrt(found.noise), NOISE, rtol=0.2)
+    assert (np.sqrt(found.scatter) < 0.4 * SCATTER).all()
+
+
+def test_nothing_is_learnt_where_odometry_alone_shows_the_way() -> None:
+    """Along a bare corridor its residuals are nil, and so is their redundancy."""
+    found, _ = Drive(scatter=np.zeros(3)).learnt(ALONG_OPEN)
+    before, _ = Drive(scatter=np.zeros(3)).learnt(ALONG_OPEN, steps=0)
+    assert 0.5 < np.sqrt(found.noise[0] / before.noise[0]) < 2.0
+    np.testing.assert_allclose(np.sqrt(found.noise[1:]), NOISE[1:], rtol=0.25)
+
+
+def test_what_was_tracked_counts_where_odometry_is_at_fault() -> None:
+    drive = Drive(faults=20)
+    found, poses = drive.learnt()
+    assert not found.trusted[drive.faults].any()
+    assert found.trusted.mean() > 0.93
+    np.testing.assert_allclose(np.sqrt(found.noise), NOISE, rtol=0.5)
+    np.testing.assert_allclose(poses[:COUNT], drive.scans, atol=0.02)
+
+
+def test_robots_are_smoother_than_scans_that_lie_beside_them() -> None:
+    drive = Drive(scatter=np.array([0.05, 0.05, 1e-4]))
+    _, poses = drive.learnt()
+    steps = between_planar(drive.truth[:-1], drive.truth[1:])
+    robots, scans = poses[COUNT:], poses[:COUNT]
+    missed = [np.std(between_planar(p[:-1], p[1:]) - steps, axis=0)[:2] for p in (robots, scans)]
+    assert (missed[0] < 0.5 * missed[1]).all()
+
+
+@pytest.mark.parametrize("matched", [True, False])
+def test_a_robot_that_stands_and_motions_that_nothing_matched_are_as_tracked(matched: bool) -> None:
+    pose = planar_to_matrix(np.zeros((3, 3)))
+    nodes = [Node(k + 1, 1, k, pose[k], pose[k]) for k in range(3)]
+    ends = np.arange(2), np.arange(1, 3)
+    tracked = *ends, np.tile([0.5, 0.0, 0.0], (2, 1)), np.tile(EXACT, (2, 1, 1))
+    poses = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    if not matched:
+        steps = planar_to_matrix(poses)
+        nodes = [Node(k + 1, 1, k, steps[k], steps[k]) for k in range(3)]
+    which = np.full(2, matched)
+    odometry = WeighedOdometry(nodes, np.arange(3), poses, tracked, which)
+    none, empty = np.zeros(0, np.int64), np.zeros((0, 3))
+    system = System(True, none, none, empty, np.zeros((0, 3, 3)), np.arange(3) - 1)
+    joint = odometry.beside(system)
+    assert joint.tails.tolist() == [0, 1, 2, 0, 1]  # three robots, two motions
+    assert joint.heads.tolist() == [3, 4, 5, 1, 2]
+    np.testing.assert_array_equal(joint.measured[3:], tracked[2])
+    odometry.learn(joint, odometry.robots(poses))
+    assert not odometry.trusted.any()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,7 +34,7 @@ def chained(steps: Array) -> Array:
 class Drive:
     """A drive along a way of bends, with odometry that errs as `ERRORS` and `NOISE` say."""
 
-    def __init__(self, scatter: Array = SCATTER, faults: int = 0) -> None:
+    def __init__(self, scatter: Array = SCATTER, faults: int = 0, slower: float = 0.0) -> None:
         random = np.random.default_rng(5)
         ahead, turn = random.uniform(0.3, 0.6, COUNT - 1), random.uniform(-0.3, 0.5, COUNT - 1)
         steps = np.stack([ahead, np.zeros(COUNT - 1), turn], axis=1)
@@ -41,7 +43,7 @@ class Drive:
         lengths = np.stack([position, position, heading], axis=1)
         recorded = steps + random.normal(size=steps.shape) * NOISE * np.sqrt(lengths)
         recorded[:, 2] = (1.0 - ERRORS[2]) * recorded[:, 2] - ERRORS[1] * recorded[:, 0]
-        recorded[:, :2] /= 1.0 + ERRORS[0]
+        recorded[:, :2] /= 1.0 + ERRORS[0] + slower
         self.faults = np.linspace(5, COUNT - 5, faults).astype(np.int64)
         recorded[self.faults, 0] = 0.0
         self.truth = chained(steps)
@@ -73,24 +75,24 @@ class Drive:
 
 def test_noise_of_motions_and_of_scans_are_told_apart() -> None:
     found, _ = Drive().learnt()
-    np.testing.assert_allclose(np.sqrt(found.noise), NOISE, rtol=0.35)
-    np.testing.assert_allclose(np.sqrt(found.scatter), SCATTER, rtol=0.2)
-    np.testing.assert_allclose(found.errors, ERRORS, atol=0.006)
+    np.testing.assert_allclose(np.sqrt(found.noise[0]), NOISE, rtol=0.35)
+    np.testing.assert_allclose(np.sqrt(found.scatter[0]), SCATTER, rtol=0.2)
+    np.testing.assert_allclose(found.errors[0], ERRORS, atol=0.006)
     assert found.trusted.mean() > 0.98
 
 
 def test_scans_that_lie_where_the_robot_is_have_no_scatter() -> None:
     found, _ = Drive(scatter=np.zeros(3)).learnt()
-    np.testing.assert_allclose(np.sqrt(found.noise), NOISE, rtol=0.2)
-    assert (np.sqrt(found.scatter) < 0.4 * SCATTER).all()
+    np.testing.assert_allclose(np.sqrt(found.noise[0]), NOISE, rtol=0.2)
+    assert (np.sqrt(found.scatter[0]) < 0.4 * SCATTER).all()
 
 
 def test_nothing_is_learnt_where_odometry_alone_shows_the_way() -> None:
     """Along a bare corridor its residuals are nil, and so is their redundancy."""
     found, _ = Drive(scatter=np.zeros(3)).learnt(ALONG_OPEN)
     before, _ = Drive(scatter=np.zeros(3)).learnt(ALONG_OPEN, steps=0)
-    assert 0.5 < np.sqrt(found.noise[0] / before.noise[0]) < 2.0
-    np.testing.assert_allclose(np.sqrt(found.noise[1:]), NOISE[1:], rtol=0.25)
+    assert 0.5 < np.sqrt(found.noise[0, 0] / before.noise[0, 0]) < 2.0
+    np.testing.assert_allclose(np.sqrt(found.noise[0, 1:]), NOISE[1:], rtol=0.25)
 
 
 def test_what_was_tracked_counts_where_odometry_is_at_fault() -> None:
@@ -98,7 +100,7 @@ def test_what_was_tracked_counts_where_odometry_is_at_fault() -> None:
     found, poses = drive.learnt()
     assert not found.trusted[drive.faults].any()
     assert found.trusted.mean() > 0.93
-    np.testing.assert_allclose(np.sqrt(found.noise), NOISE, rtol=0.5)
+    np.testing.assert_allclose(np.sqrt(found.noise[0]), NOISE, rtol=0.5)
     np.testing.assert_allclose(poses[:COUNT], drive.scans, atol=0.02)
 
 
@@ -109,6 +111,19 @@ def test_robots_are_smoother_than_scans_that_lie_beside_them() -> None:
     robots, scans = poses[COUNT:], poses[:COUNT]
     missed = [np.std(between_planar(p[:-1], p[1:]) - steps, axis=0)[:2] for p in (robots, scans)]
     assert (missed[0] < 0.5 * missed[1]).all()
+
+
+def test_every_session_has_wheels_of_its_own() -> None:
+    drives = [Drive(scatter=np.zeros(3)), Drive(scatter=np.zeros(3), slower=0.1)]
+    nodes = [replace(n, session=k) for k, drive in enumerate(drives) for n in drive.nodes]
+    scans = np.concatenate([drive.scans for drive in drives])
+    ends = np.concatenate([np.arange(COUNT - 1), np.arange(COUNT, 2 * COUNT - 1)])
+    steps = between_planar(scans[ends], scans[ends + 1])
+    tracked = ends, ends + 1, steps, np.tile(EXACT, (len(ends), 1, 1))
+    matched = np.ones(len(ends), np.bool_)
+    found = WeighedOdometry(nodes, np.arange(2 * COUNT), scans, tracked, matched)
+    np.testing.assert_allclose(found.errors[:, 0], [ERRORS[0], ERRORS[0] + 0.1], atol=0.006)
+    np.testing.assert_allclose(np.sqrt(found.noise), [NOISE, NOISE], rtol=0.25)
 
 
 @pytest.mark.parametrize("matched", [True, False])

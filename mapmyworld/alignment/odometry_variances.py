@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.alignment.joint_system import Edges
+from mapmyworld.backend.block_matrix import diagonals
 from mapmyworld.backend.information import NotPositiveDefiniteError
 from mapmyworld.backend.residuals import edge_residuals
 from mapmyworld.backend.system import System, number_free, with_edges
@@ -41,14 +42,14 @@ _START = 10  # fits of systematic errors from none, each weighed by the one befo
 
 
 class WeighedOdometry:
-    """The odometry between S scans, and robots that it carries, one to a scan."""
+    """The odometry between S scans of K sessions, and robots that it carries, one to a scan."""
 
     errors: Array
-    """(3,) scale, heading by distance [rad/m] and by rotation [rad/rad]."""
+    """(K, 3) scale, heading by distance [rad/m] and by rotation [rad/rad]."""
     noise: Array
-    """(3,) variances of motions along, across and in heading: m^2 and rad^2, a metre or radian."""
+    """(K, 3) variances of motions along, across and in heading: m^2, rad^2, a metre or radian."""
     scatter: Array
-    """(3,) m^2, m^2 and rad^2: variances of how scans lie beside their robots."""
+    """(K, 3) m^2, m^2 and rad^2: variances of how scans lie beside their robots."""
     trusted: NDArray[np.bool_]
     """(E,) motions that count, and are no faults of the odometry."""
 
@@ -66,6 +67,9 @@ class WeighedOdometry:
         path = np.append(0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))
         turned = np.append(0.0, np.cumsum(np.abs(wrap_angle(steps[:, 2]))))
         self._tails, self._heads = tracked[:2]
+        session = [nodes[k].session for k in chosen.tolist()]
+        every, self._session = np.unique(session, return_inverse=True)  # of each scan
+        self._of = self._session[self._tails]  # the session of each motion
         before, after = chosen[self._tails], chosen[self._heads]
         metres, radians = path[after] - path[before], turned[after] - turned[before]
         position = metres + METRES_PER_RADIAN * radians
@@ -73,31 +77,33 @@ class WeighedOdometry:
         self._recorded = between_planar(recorded[before], recorded[after])
         self._lengths = np.maximum(np.stack([position, position, heading], axis=1), MOVES)
         self._usable = matched & (metres + radians > MOVES)
-        self._tracked, self._count = tracked, len(chosen)
-        self.errors, self.trusted = np.zeros(3), self._usable
-        self.noise, self.scatter = np.full(3, FIRST_NOISE), np.full(3, _SHARE * _LEAST)
-        self._begin(between_planar(poses[self._tails], poses[self._heads]))
+        self._tracked, self._count, shape = tracked, len(chosen), (len(every), 3)
+        self.errors, self.trusted = np.zeros(shape), self._usable
+        self.noise, self.scatter = np.full(shape, FIRST_NOISE), np.full(shape, _SHARE * _LEAST)
+        found = between_planar(poses[self._tails], poses[self._heads])
+        for k in np.unique(self._of).tolist():
+            self._begin(k, found)
 
-    def _begin(self, found: Array) -> None:
-        """Noise and scatter of what misses motions that were `found` (E, 3).
+    def _begin(self, k: int, found: Array) -> None:
+        """Noise and scatter of what misses a session's motions, of which E were `found` (E, 3).
 
         The first noise is too much: motions that are no faults by it show less, and so on. What a
         scan errs by ends one motion and begins the next: by its variance their product is less.
         """
-        if not len(found):
-            return
         for _ in range(_START):
             self._trust(found)
-            self._calibrate(found)
-            missed, variances = self._missed(found)[self.trusted], self._variances()[self.trusted]
-            self.noise = np.maximum(self.noise * _change(missed, 0.0 * missed, variances), _LEAST)
-        first = np.flatnonzero(self._heads[:-1] == self._tails[1:])
-        first = first[self.trusted[first] & self.trusted[first + 1]]
-        missed, typical = self._missed(found), np.median(self._lengths, axis=0)
+            self._calibrate(k, found)
+            use = self._trusted_of(k)
+            missed, variances = self._missed(found)[use], self._variances()[use]
+            change = _change(missed, 0.0 * missed, variances)
+            self.noise[k] = np.maximum(self.noise[k] * change, _LEAST)
+        first = use[np.isin(use + 1, use)]
+        first = first[self._heads[first] == self._tails[first + 1]]
+        missed, typical = self._missed(found), np.median(self._lengths[self._of == k], axis=0)
         shared = -np.sum(missed[first] * missed[first + 1], axis=0) / max(1, len(first))
-        whole = self.noise * typical
-        self.scatter = np.clip(shared, _SHARE * whole, (0.5 - _SHARE) * whole)
-        self.noise = (whole - 2.0 * self.scatter) / typical  # a motion has two ends
+        whole = self.noise[k] * typical
+        self.scatter[k] = np.clip(shared, _SHARE * whole, (0.5 - _SHARE) * whole)
+        self.noise[k] = (whole - 2.0 * self.scatter[k]) / typical  # a motion has two ends
 
     def robots(self, poses: Array) -> Array:
         """(N + S, 3) the `poses` (N, 3), scans first, then the robots, each where its scan is."""
@@ -108,12 +114,11 @@ class WeighedOdometry:
         count, scans = len(system.free), np.arange(self._count)
         stays = np.append(system.free < 0, np.zeros(len(scans), np.bool_))
         joint = replace(system, free=number_free(stays))
-        lies = np.tile(np.diag(1.0 / self.scatter), (len(scans), 1, 1))
+        lies = diagonals(1.0 / self.scatter[self._session])
         joint = with_edges(joint, scans, count + scans, np.zeros((len(scans), 3)), lies)
         rows = np.flatnonzero(self.trusted)
         ends = count + self._tails[rows], count + self._heads[rows]
-        known = np.zeros((len(rows), 3, 3))
-        known[:, range(3), range(3)] = 1.0 / self._variances()[rows]
+        known = diagonals(1.0 / self._variances()[rows])
         joint = with_edges(joint, *ends, self._measured()[rows], known)
         faults = np.flatnonzero(~self.trusted)
         tails, heads, measured, information = self._tracked
@@ -125,51 +130,58 @@ class WeighedOdometry:
         scans = np.arange(self._count)
         robots = len(poses) - len(scans) + scans
         tails, heads = robots[self._tails], robots[self._heads]
-        rows, asked = _some(np.flatnonzero(self.trusted)), _some(scans)
-        ends = np.append(tails[rows], asked), np.append(heads[rows], robots[asked])
-        try:
-            spread = relative_covariances(joint, poses, *ends).diagonal(0, 1, 2)
-        except NotPositiveDefiniteError:
-            return
-        variances = self._variances()
+        found = between_planar(poses[tails], poses[heads])
         missed = edge_residuals(True, poses[tails], poses[heads], self._measured())
         beside = between_planar(poses[scans], poses[robots])
-        by_motion = _change(missed[rows], spread[: len(rows)], variances[rows])
-        by_scan = _change(beside[asked], spread[len(rows) :], self.scatter)
-        self.noise = np.maximum(self.noise * by_motion, _LEAST)
-        self.scatter = np.maximum(self.scatter * by_scan, _SHARE * _LEAST)
-        decided(
-            "refine",
-            f"odometry errs by {_text(self.noise)} a metre along, across and in heading, "
-            f"scans beside it by {_text(self.scatter)}",
-        )
-        found = between_planar(poses[tails], poses[heads])
-        self._calibrate(found)
+        count, variances = len(self.noise), self._variances()
+        motions = _some(np.flatnonzero(self.trusted), self._of, count)
+        asked = _some(scans, self._session, count)
+        ends = np.append(tails[motions], asked), np.append(heads[motions], robots[asked])
+        try:
+            known = relative_covariances(joint, poses, *ends).diagonal(0, 1, 2)
+        except NotPositiveDefiniteError:
+            return
+        for k in range(count):
+            mine, own = self._of[motions] == k, self._session[asked] == k
+            rows, rest = motions[mine], known[len(motions) :]
+            by_motion = _change(missed[rows], known[: len(motions)][mine], variances[rows])
+            by_scan = _change(beside[asked[own]], rest[own], self.scatter[k])
+            self.noise[k] = np.maximum(self.noise[k] * by_motion, _LEAST)
+            self.scatter[k] = np.maximum(self.scatter[k] * by_scan, _SHARE * _LEAST)
+            decided(
+                "refine",
+                f"odometry errs by {_text(self.noise[k])} a metre along, across and in heading, "
+                f"scans beside it by {_text(self.scatter[k])}",
+            )
+            self._calibrate(k, found)
         self._trust(found)
 
-    def _calibrate(self, found: Array) -> None:
+    def _calibrate(self, k: int, found: Array) -> None:
         """Scale, heading by distance and by rotation, fitted to motions that were `found` (E, 3).
 
         By the rotation that was found: noise of the recorded one would make it less.
         """
-        use = self.trusted
-        weight = 1.0 / (self._variances() + 2.0 * self.scatter)[use]
+        use = self._trusted_of(k)
+        weight = 1.0 / (self._variances()[use] + 2.0 * self.scatter[k])
         x, y, turn = self._recorded[use].T
         turned = found[use, 2]
         first = np.diag(1.0 / np.square(FIRST_SIGMAS))
         along = weight[:, 0] @ (x * x) + weight[:, 1] @ (y * y)
         off = weight[:, 0] @ (x * (found[use, 0] - x)) + weight[:, 1] @ (y * (found[use, 1] - y))
-        self.errors[0] = off / (along + first[0, 0])
+        self.errors[k, 0] = off / (along + first[0, 0])
         slopes = np.stack([x, turned], axis=1)
         weighed = slopes.T * weight[:, 2]
         right = weighed @ wrap_angle(turned - turn)
-        self.errors[1:] = np.linalg.solve(weighed @ slopes + first[1:, 1:], right)
+        self.errors[k, 1:] = np.linalg.solve(weighed @ slopes + first[1:, 1:], right)
 
     def _trust(self, found: Array) -> None:
         """Which motions are no faults of the odometry."""
-        variances = self._variances() + 2.0 * self.scatter
+        variances = self._variances() + 2.0 * self.scatter[self._of]
         squares = np.sum(self._missed(found) ** 2 / variances, axis=1)
         self.trusted = np.asarray(self._usable & (squares < OUTLIER))
+
+    def _trusted_of(self, k: int) -> Index:
+        return np.flatnonzero(self.trusted & (self._of == k))
 
     def _missed(self, found: Array) -> Array:
         missed = found - self._measured()
@@ -178,14 +190,13 @@ class WeighedOdometry:
 
     def _measured(self) -> Array:
         """(E, 3) recorded motions without systematic errors."""
-        scale, by_distance, by_rotation = self.errors
-        measured = self._recorded * [1.0 + scale, 1.0 + scale, 1.0]
-        measured[:, 2] += by_distance * self._recorded[:, 0]
-        measured[:, 2] /= 1.0 - by_rotation
-        return np.asarray(measured)
+        scale, by_distance, by_rotation = self.errors[self._of].T
+        x, y, turn = self._recorded.T
+        turned = (turn + by_distance * x) / (1.0 - by_rotation)
+        return np.stack([(1.0 + scale) * x, (1.0 + scale) * y, turned], axis=1)
 
     def _variances(self) -> Array:
-        return np.asarray(self.noise * self._lengths)
+        return np.asarray(self.noise[self._of] * self._lengths)
 
 
 def _change(missed: Array, known: Array, variances: Array) -> Array:
@@ -199,9 +210,11 @@ def _change(missed: Array, known: Array, variances: Array) -> Array:
     return np.asarray((1.0 + squares.sum(axis=0)) / (1.0 + redundancy.sum(axis=0)))
 
 
-def _some(rows: Index) -> Index:
-    """Up to `_ASKED` of these, evenly."""
-    return rows[np.linspace(0, len(rows) - 1, min(len(rows), _ASKED)).astype(np.int64)]
+def _some(rows: Index, session: Index, count: int) -> Index:
+    """Up to `_ASKED` rows (R,) of each of so many sessions, evenly; `session` (N,) is of all."""
+    of_each = [rows[session[rows] == k] for k in range(count)]
+    places = [np.linspace(0, len(r) - 1, min(len(r), _ASKED)).astype(np.int64) for r in of_each]
+    return np.concatenate([r[at] for r, at in zip(of_each, places, strict=True)])
 
 
 def _text(variances: Array) -> str:

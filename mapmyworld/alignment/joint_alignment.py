@@ -69,18 +69,20 @@ def align_in_rounds(
     moved: list[float] = []
     variance, count = _point_variance(config), len(poses)
     poses = odometry.robots(poses)
+    learnt: tuple[System, int] | None = None  # what variances are to be learnt from, and its pairs
     for reach in max_distances:
         before, pairs = poses, pairs_at(poses[:count])
         systems = _associated(scans, before, pairs, reach, config)
-        learns = reach == max_distances[-1]  # beyond it points miss by more than they err
-        for _ in range(_STEPS if learns else 1):
+        last = reach == max_distances[-1]  # beyond it points miss by more than they err
+        for _ in range(_STEPS if last else 1):
+            if learnt is not None:
+                variance *= variance_factor(*learnt, poses)
+                odometry.learn(learnt[0], poses)
             every = odometry.beside(system)
             every = with_edges(every, *pair_edges(before, pairs, systems, variance))
             joint = believed_edges(every, np.ones(len(every.tails), np.bool_))
             poses = optimised_roughly(joint, poses, steps=1)
-            if learns:
-                variance *= variance_factor(joint, len(pairs), poses)
-                odometry.learn(joint, poses)
+            learnt = (joint, len(pairs)) if last else None
         moved.append(_length((poses - before)[:count][joint.free[:count] >= 0, :2]))
         weights = max(float(systems[:, 9].sum()), 1e-9)
         residual = float(np.sqrt(systems[:, 10].sum() / weights))

@@ -69,11 +69,11 @@ def test_many_wrong_statements_fight_what_fits_without_any_of_them(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Without either alone the other has the closures rejected all the same."""
+    """No poses meet both. Without either alone the other has the closures rejected all the same."""
     monkeypatch.setattr("mapmyworld.stages.solve_and_judge._ALONE", 1)
     path, edits = tmp_path / "map.db", tmp_path / "edits.toml"
     shutil.copy(apartment, path)
-    edits.write_text(2 * WRONG)
+    edits.write_text(WRONG + WRONG.replace("90.0", "-90.0"))
     result = run("edit", path, edits, "-q", "--no-export")
     assert result.exit_code == 3
     lines = [x for x in result.stderr.splitlines() if x.startswith("mapmyworld: user 3 -> 150")]

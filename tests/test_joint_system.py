@@ -88,7 +88,7 @@ def test_landmarks_move_with_what_sees_them_and_priors_move_the_map() -> None:
     assert np.allclose(stated.places_of(landmark), AT[4:])
     system, every = joint_system(vague, CHOSEN, GIVEN[2:3], stated, AT, np.zeros(5, np.bool_))
     motions, none = node_motions(vague, CHOSEN, GIVEN[2:3]), np.zeros((0, 2), np.int64)
-    odometry = WeighedOdometry(vague, CHOSEN, AT[:4], motions, np.zeros(0, np.bool_))
+    odometry = WeighedOdometry(vague, CHOSEN, motions, np.zeros(0, np.bool_))
     rest = odometry, (lambda _: none), Config(threads=1), Silent(), np.full(8, 0.1)
     solved = align_in_rounds(scan_set([]), system, every, *rest)
     prior, seen = solved.poses[1], between_planar(solved.poses[2], solved.poses[4])

@@ -60,7 +60,7 @@ class Drive:
         ends = np.arange(COUNT - 1), np.arange(1, COUNT)
         tracked = *ends, between_planar(self.scans[:-1], self.scans[1:]), information[: COUNT - 1]
         matched = np.ones(COUNT - 1, np.bool_)
-        odometry = WeighedOdometry(self.nodes, np.arange(COUNT), self.scans, tracked, matched)
+        odometry = WeighedOdometry(self.nodes, np.arange(COUNT), tracked, matched)
         none, empty = np.zeros(0, np.int64), np.zeros((0, 3))
         free = number_free(np.arange(COUNT) == 0)
         system = System(True, none, none, empty, np.zeros((0, 3, 3)), free)
@@ -121,7 +121,7 @@ def test_every_session_has_wheels_of_its_own() -> None:
     steps = between_planar(scans[ends], scans[ends + 1])
     tracked = ends, ends + 1, steps, np.tile(EXACT, (len(ends), 1, 1))
     matched = np.ones(len(ends), np.bool_)
-    found = WeighedOdometry(nodes, np.arange(2 * COUNT), scans, tracked, matched)
+    found = WeighedOdometry(nodes, np.arange(2 * COUNT), tracked, matched)
     np.testing.assert_allclose(found.errors[:, 0], [ERRORS[0], ERRORS[0] + 0.1], atol=0.006)
     np.testing.assert_allclose(np.sqrt(found.noise), [NOISE, NOISE], rtol=0.25)
 
@@ -137,7 +137,7 @@ def test_a_robot_that_stands_and_motions_that_nothing_matched_are_as_tracked(mat
         steps = planar_to_matrix(poses)
         nodes = [Node(k + 1, 1, k, steps[k], steps[k]) for k in range(3)]
     which = np.full(2, matched)
-    odometry = WeighedOdometry(nodes, np.arange(3), poses, tracked, which)
+    odometry = WeighedOdometry(nodes, np.arange(3), tracked, which)
     none, empty = np.zeros(0, np.int64), np.zeros((0, 3))
     system = System(True, none, none, empty, np.zeros((0, 3, 3)), np.arange(3) - 1)
     joint = odometry.beside(system)

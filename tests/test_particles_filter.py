@@ -375,7 +375,8 @@ def test_smoothing_closes_a_loop_that_no_particle_closed(
     covariances = np.tile(np.diag([0.02, 0.02, max(yaw, 0.01)]) ** 2, (len(motions), 1, 1))
     scans = [cast(walls, pose) for pose in truth]
     stamps = np.arange(len(truth)) * 100_000_000
-    smoothed = smooth_path(path, motions, covariances, stamps, scans, Config(), Silence())
+    given = covariances, np.full(truth.shape, np.nan), stamps, scans
+    smoothed = smooth_path(path, motions, *given, Config(), Silence())
     assert error(path, truth) > off
     assert error(smoothed, truth) < 0.02
 

@@ -330,10 +330,10 @@ def steps_between(motions: np.ndarray, information: np.ndarray) -> System:
 
 def without_odometry(count: int) -> WeighedOdometry:
     """Of scans between which nothing was recorded."""
-    poses, none = np.zeros((count, 3)), np.zeros(0, np.int64)
+    none = np.zeros(0, np.int64)
     nodes = [Node(k + 1, 1, k, np.eye(4), np.eye(4)) for k in range(count)]
     motions = none, none, np.zeros((0, 3)), np.zeros((0, 3, 3))
-    return WeighedOdometry(nodes, np.arange(count), poses, motions, np.zeros(0, np.bool_))
+    return WeighedOdometry(nodes, np.arange(count), motions, np.zeros(0, np.bool_))
 
 
 @pytest.mark.parametrize("threads", [1, 3])

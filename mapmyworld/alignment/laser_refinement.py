@@ -204,7 +204,7 @@ def _rounds(
     alone = {c.to_id for c in task.constraints if c.is_unmatched}
     blind = np.cumsum([node.id in alone for node in task.nodes])[task.chosen]
     matched = blind[motions[0]] == blind[motions[1]]
-    odometry = WeighedOdometry(task.nodes, task.chosen, poses, motions, matched)
+    odometry = WeighedOdometry(task.nodes, task.chosen, motions, matched)
     stated = with_edges(system, *motions)
     field = field_of_view(task.scans.rows[:, 4])
     compared = ComparedScans(task.session[task.chosen], held, stated, start, field, settings)

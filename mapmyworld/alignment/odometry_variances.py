@@ -54,13 +54,12 @@ class WeighedOdometry:
     """(E,) motions that count, and are no faults of the odometry."""
 
     def __init__(
-        self, nodes: Sequence[Node], chosen: Index, poses: Array, tracked: Edges,
-        matched: NDArray[np.bool_],
-    ) -> None:  # fmt: skip
-        """Between `chosen` nodes (S,), whose scans are at `poses` (S, 3).
+        self, nodes: Sequence[Node], chosen: Index, tracked: Edges, matched: NDArray[np.bool_]
+    ) -> None:
+        """Between `chosen` nodes (S,), by what it misses the `tracked` motions (E,) at first.
 
-        Where it is at fault, or the robot stood, the `tracked` motions (E,) count, and so they do
-        where they were not `matched` (E,): they are odometry, and tracking knows if it stalled.
+        These count where there is no odometry, or it is at fault, or the robot stood; and if not
+        `matched` (E,): they are odometry then, and tracking knows of stalls.
         """
         recorded = matrix_to_planar(np.stack([node.odom_from_base for node in nodes]))
         steps = between_planar(recorded[:-1], recorded[1:])
@@ -76,13 +75,13 @@ class WeighedOdometry:
         heading = radians + RADIANS_PER_METRE * metres
         self._recorded = between_planar(recorded[before], recorded[after])
         self._lengths = np.maximum(np.stack([position, position, heading], axis=1), MOVES)
-        self._usable = matched & (metres + radians > MOVES)
+        told = np.abs(self._recorded - tracked[2]).max(axis=1) > 1e-9  # else the tracker's own
+        self._usable = matched & told & (metres + radians > MOVES)
         self._tracked, self._count, shape = tracked, len(chosen), (len(every), 3)
         self.errors, self.trusted = np.zeros(shape), self._usable
         self.noise, self.scatter = np.full(shape, FIRST_NOISE), np.full(shape, _SHARE * _LEAST)
-        found = between_planar(poses[self._tails], poses[self._heads])
         for k in np.unique(self._of).tolist():
-            self._begin(k, found)
+            self._begin(k, tracked[2])
 
     def _begin(self, k: int, found: Array) -> None:
         """Noise and scatter of what misses a session's motions, of which E were `found` (E, 3).

@@ -169,7 +169,8 @@ def _smoothed_path(
         if motion.is_contradicted and motion.nearest(step) == 0:
             u[k], covariance[k] = motion.u[0], motion.covariance[0]
     stamps = np.array(record.stamps, np.int64)[record.updates]
-    return smooth_path(path, u, covariance, stamps, record.scans, config, progress)
+    odometry = np.array(record.odometry)[record.updates]
+    return smooth_path(path, u, covariance, odometry, stamps, record.scans, config, progress)
 
 
 def beams_from_scan(scan: Scan, settings: ParticlesConfig) -> Beams:

@@ -39,6 +39,7 @@ def smooth_path(
     path: Array,
     moves: Array,
     covariances: Array,
+    odometry: Array,
     stamps_ns: NDArray[np.int64],
     scans: Sequence[Scan],
     config: Config,
@@ -48,10 +49,11 @@ def smooth_path(
 
     `stamps_ns` (K,) are the scans'; `moves` (K - 1, 3) lead from each to the next, in the frame of
     their start, with `covariances` (K - 1, 3, 3) in the body frame. Places are looked for from
-    where the path has them, as far as the moves may have drifted.
+    where the path has them, as far as the moves may have drifted. `odometry` (K, 3) is the recorded
+    one, NaN where the log has none.
     """
     chained = np.array(list(accumulate(moves, compose_planar, initial=np.zeros(3))))
-    nodes = _nodes(chained, stamps_ns)
+    nodes = _nodes(chained, chained if np.isnan(odometry).any() else odometry, stamps_ns)
     loaded = _loaded(nodes, covariances, scans, config)
     motions = _motions(nodes, moves, covariances)
 
@@ -67,10 +69,13 @@ def smooth_path(
     return path if refined is None else matrix_to_planar(refined.poses.map_from_node)
 
 
-def _nodes(tracked: Array, stamps_ns: NDArray[np.int64]) -> list[Node]:
-    """One for each of the scans, at `tracked` (K, 3) poses."""
-    stamps, poses = stamps_ns.tolist(), planar_to_matrix(tracked)
-    return [Node(k + 1, 0, stamps[k], pose, pose) for k, pose in enumerate(poses)]
+def _nodes(tracked: Array, odometry: Array, stamps_ns: NDArray[np.int64]) -> list[Node]:
+    """One for each of the scans, at `tracked` (K, 3) and at `odometry` (K, 3)."""
+    matrices = zip(planar_to_matrix(odometry), planar_to_matrix(tracked), strict=True)
+    return [
+        Node(k + 1, 0, stamp, *poses)
+        for k, (stamp, poses) in enumerate(zip(stamps_ns.tolist(), matrices, strict=True))
+    ]
 
 
 def _motions(nodes: Sequence[Node], moves: Array, covariances: Array) -> list[Judged]:

@@ -4,8 +4,8 @@ Between two scans goes what the wheels recorded, not what was tracked: tracking 
 points as pairs of scans do. Odometry carries a robot whose every scan lies beside it by an error of
 its own, of its stamps or of its sweep. What motions err by, along, across and in heading, and what
 scans do, are six variance components (Helmert 1907; Koch, "Parameter estimation and hypothesis
-testing in linear models", 1999, 3.6): squared residuals over redundancy, which is what the other
-measurements know of them. Where none shows how far a corridor goes nothing is learnt of it.
+testing in linear models", 1999, 3.6): squared residuals over redundancy, the share of each that the
+other measurements check. Where none shows how far a corridor goes nothing is learnt of it.
 """
 
 from __future__ import annotations
@@ -84,10 +84,10 @@ class WeighedOdometry:
             self._begin(k, tracked[2])
 
     def _begin(self, k: int, found: Array) -> None:
-        """Noise and scatter of what misses a session's motions, of which E were `found` (E, 3).
+        """A session's first noise and scatter, where the motions `found` (E, 3) are right.
 
-        The first noise is too much: motions that are no faults by it show less, and so on. What a
-        scan errs by ends one motion and begins the next: by its variance their product is less.
+        Noise starts too large: motions that are no faults by it show less, and so on. What a scan
+        errs by ends one motion and begins the next: their product is less by its variance.
         """
         for _ in range(_START):
             self._trust(found)
@@ -164,14 +164,14 @@ class WeighedOdometry:
         weight = 1.0 / (self._variances()[use] + 2.0 * self.scatter[k])
         x, y, turn = self._recorded[use].T
         turned = found[use, 2]
-        first = np.diag(1.0 / np.square(FIRST_SIGMAS))
+        first = 1.0 / np.square(FIRST_SIGMAS)
         along = weight[:, 0] @ (x * x) + weight[:, 1] @ (y * y)
         off = weight[:, 0] @ (x * (found[use, 0] - x)) + weight[:, 1] @ (y * (found[use, 1] - y))
-        self.errors[k, 0] = off / (along + first[0, 0])
+        self.errors[k, 0] = off / (along + first[0])
         slopes = np.stack([x, turned], axis=1)
         weighed = slopes.T * weight[:, 2]
         right = weighed @ wrap_angle(turned - turn)
-        self.errors[k, 1:] = np.linalg.solve(weighed @ slopes + first[1:, 1:], right)
+        self.errors[k, 1:] = np.linalg.solve(weighed @ slopes + np.diag(first[1:]), right)
 
     def _trust(self, found: Array) -> None:
         """Which motions are no faults of the odometry."""

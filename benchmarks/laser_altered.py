@@ -4,6 +4,7 @@
 
     keys       a scan every 0.5 to 1 m of path, stamped 0.5 s apart; always together with wheels
     wheels     odometry of other wheels: scale, rotation a metre and noise of their own
+    mount      a laser some 8 cm and 2 degrees from where the log says
     half       half of the scans, chosen at random
     gap        five stretches of 3 to 8 m without a scan
     blind      five stretches of 3 to 8 m in which the laser returns nothing
@@ -29,7 +30,7 @@ from formats.trajectory_files import read_trajectory
 from mapmyworld.evaluation.relations_metric import poses_at
 from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 
-KINDS = ("keys", "wheels", "half", "gap", "blind", "stall", "people", "glass", "furniture")
+KINDS = ("keys", "wheels", "mount", "half", "gap", "blind", "stall", "people", "glass", "furniture")
 _NO_RETURN = 81.83  # what a SICK reports
 
 
@@ -158,6 +159,12 @@ def wheels(drive: Drive, random: np.random.Generator) -> Drive:
     for k, step in enumerate(steps):
         odometry[k + 1] = compose_planar(odometry[k], step)
     drive.odometry = odometry
+    return drive
+
+
+def mount(drive: Drive, random: np.random.Generator) -> Drive:
+    offset = random.normal(0.0, [0.08, 0.08, np.radians(2.0)])
+    drive.odometry = compose_planar(drive.odometry, np.broadcast_to(offset, drive.odometry.shape))
     return drive
 
 

@@ -18,7 +18,12 @@ from numpy.typing import NDArray
 
 from mapmyworld.alignment.joint_system import Edges
 from mapmyworld.backend.block_matrix import diagonals
-from mapmyworld.backend.information import NotPositiveDefiniteError
+from mapmyworld.backend.factors import factors_at
+from mapmyworld.backend.information import (
+    Information,
+    NotPositiveDefiniteError,
+    information_of,
+)
 from mapmyworld.backend.residuals import edge_residuals
 from mapmyworld.backend.system import System, number_free, with_edges
 from mapmyworld.decisions import decided
@@ -26,12 +31,14 @@ from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
 from mapmyworld.graph.covariance import relative_covariances
 from mapmyworld.kernels.wheel_model import (
+    ERRORS,
     FIRST_NOISE,
     FIRST_SIGMAS,
     METRES_PER_RADIAN,
     MOVES,
     OUTLIER,
     RADIANS_PER_METRE,
+    slopes,
 )
 from mapmyworld.types import Node
 
@@ -45,7 +52,7 @@ class WeighedOdometry:
     """The odometry between S scans of K sessions, and robots that it carries, one to a scan."""
 
     errors: Array
-    """(K, 3) scale, heading by distance [rad/m] and by rotation [rad/rad]."""
+    """(K, 6) systematic ones: see `kernels.wheel_model`."""
     noise: Array
     """(K, 3) variances of motions along, across and in heading: m^2, rad^2, a metre or radian."""
     scatter: Array
@@ -78,7 +85,7 @@ class WeighedOdometry:
         told = np.abs(self._recorded - tracked[2]).max(axis=1) > 1e-9  # else the tracker's own
         self._usable = matched & told & (metres + radians > MOVES)
         self._tracked, self._count, shape = tracked, len(chosen), (len(every), 3)
-        self.errors, self.trusted = np.zeros(shape), self._usable
+        self.errors, self.trusted = np.zeros((len(every), ERRORS)), self._usable
         self.noise, self.scatter = np.full(shape, FIRST_NOISE), np.full(shape, _SHARE * _LEAST)
         for k in np.unique(self._of).tolist():
             self._begin(k, tracked[2])
@@ -137,9 +144,11 @@ class WeighedOdometry:
         asked = _some(scans, self._session, count)
         ends = np.append(tails[motions], asked), np.append(heads[motions], robots[asked])
         try:
-            known = relative_covariances(joint, poses, *ends).diagonal(0, 1, 2)
+            information = information_of(joint, poses)
         except NotPositiveDefiniteError:
             return
+        known = relative_covariances(joint, poses, *ends, information).diagonal(0, 1, 2)
+        errors = self._errors_shown(joint, poses, tails, heads, information)
         for k in range(count):
             mine, own = self._of[motions] == k, self._session[asked] == k
             rows, rest = motions[mine], known[len(motions) :]
@@ -152,26 +161,50 @@ class WeighedOdometry:
                 f"odometry errs by {_text(self.noise[k])} a metre along, across and in heading, "
                 f"scans beside it by {_text(self.scatter[k])}",
             )
-            self._calibrate(k, found)
+        self.errors = errors
         self._trust(found)
 
+    def _errors_shown(
+        self, joint: System, poses: Array, tails: Index, heads: Index, known: Information
+    ) -> Array:
+        """(K, 6) systematic errors of least cost, poses (N + S, 3) following as they may.
+
+        Motions (E,) are between `tails` and `heads`. Poses are eliminated (Schur complement): what
+        odometry alone shows of a way says nothing of its errors.
+        """
+        rows, measured = np.flatnonzero(self.trusted), self._measured()
+        measured, roots = measured[rows], 1.0 / np.sqrt(self._variances()[rows])
+        odometry = replace(
+            joint, tails=tails[rows], heads=heads[rows], measured=measured,
+            information=diagonals(roots**2), kinds=None,
+        )  # fmt: skip
+        linear = factors_at(odometry, poses, known.values).linearize(known.values)
+        by_poses, less = known.variables.jacobian(linear)
+        own = slopes(self._recorded[rows], measured[:, 2])
+        c, s = np.cos(measured[:, 2, None]), np.sin(measured[:, 2, None])
+        own[:, 0], own[:, 1] = c * own[:, 0] + s * own[:, 1], c * own[:, 1] - s * own[:, 0]
+        by_errors = np.zeros((len(rows), 3, *self.errors.shape))
+        by_errors[np.arange(len(rows)), :, self._of[rows]] = -roots[:, :, None] * own
+        by_errors = by_errors.reshape(by_poses.shape[0], self.errors.size)
+        pulls = by_poses.T @ by_errors
+        first = np.tile(1.0 / np.square(FIRST_SIGMAS), len(self.errors))
+        normal = by_errors.T @ by_errors - pulls.T @ known.factorised.solve(pulls) + np.diag(first)
+        right = by_errors.T @ less - first * self.errors.ravel()
+        return self.errors + np.linalg.solve(normal, right).reshape(self.errors.shape)
+
     def _calibrate(self, k: int, found: Array) -> None:
-        """Scale, heading by distance and by rotation, fitted to motions that were `found` (E, 3).
+        """Systematic errors, fitted to motions that were `found` (E, 3).
 
         By the rotation that was found: noise of the recorded one would make it less.
         """
         use = self._trusted_of(k)
         weight = 1.0 / (self._variances()[use] + 2.0 * self.scatter[k])
-        x, y, turn = self._recorded[use].T
-        turned = found[use, 2]
-        first = 1.0 / np.square(FIRST_SIGMAS)
-        along = weight[:, 0] @ (x * x) + weight[:, 1] @ (y * y)
-        off = weight[:, 0] @ (x * (found[use, 0] - x)) + weight[:, 1] @ (y * (found[use, 1] - y))
-        self.errors[k, 0] = off / (along + first[0])
-        slopes = np.stack([x, turned], axis=1)
-        weighed = slopes.T * weight[:, 2]
-        right = weighed @ wrap_angle(turned - turn)
-        self.errors[k, 1:] = np.linalg.solve(weighed @ slopes + np.diag(first[1:]), right)
+        rows = slopes(self._recorded[use], found[use, 2])
+        missed = found[use] - self._recorded[use]
+        missed[:, 2] = wrap_angle(missed[:, 2])
+        weighed = rows.swapaxes(1, 2) * weight[:, None]
+        normal = np.sum(weighed @ rows, axis=0) + np.diag(1.0 / np.square(FIRST_SIGMAS))
+        self.errors[k] = np.linalg.solve(normal, np.sum(weighed @ missed[:, :, None], axis=0))[:, 0]
 
     def _trust(self, found: Array) -> None:
         """Which motions are no faults of the odometry."""
@@ -189,10 +222,10 @@ class WeighedOdometry:
 
     def _measured(self) -> Array:
         """(E, 3) recorded motions without systematic errors."""
-        scale, by_distance, by_rotation = self.errors[self._of].T
-        x, y, turn = self._recorded.T
-        turned = (turn + by_distance * x) / (1.0 - by_rotation)
-        return np.stack([(1.0 + scale) * x, (1.0 + scale) * y, turned], axis=1)
+        errors, (x, _, turn) = self.errors[self._of], self._recorded.T
+        turned = (turn + errors[:, 4] * x) / (1.0 - errors[:, 5])
+        change = slopes(self._recorded, turned) @ errors[:, :, None]
+        return np.asarray(self._recorded + change[:, :, 0])
 
     def _variances(self) -> Array:
         return np.asarray(self.noise[self._of] * self._lengths)

@@ -212,7 +212,7 @@ def track_scans(
     (K, P, 6), `key_counts` (K,), `key_origins` (K, 2), `key_poses` (K, 3) and `keys` (2,), is that
     of `remember_scan`; a scan is aligned with keyframes `back` (M,) places, by `max_distances` (R,)
     as of `align`. `state` (8,) is the pose, the last step, mean and variance of overlaps, `wheels`
-    (15,) the model of the odometry, `steps` (6,) that of a robot without; `settings` (7,) are
+    (52,) the model of the odometry, `steps` (6,) that of a robot without; `settings` (7,) are
     residual share, sigma of a range, correlation, limits of NIS and overlap, keyframe distance and
     angle. Fills `out` (B, 7): pose, overlap, NIS, metres moved, weak (1 or 0); and `covariances`
     (B, 3, 3) of the steps.
@@ -247,7 +247,7 @@ def track_scans(
             pose[i] = found[i]
         innovations = innovation(predicted, pose, information, variances)
         if innovations[6] > settings[3] or not explains(state, found[9], settings, has_odometry):
-            for i in range(8, 15):
+            for i in range(8, 16):
                 wheels[i] = before[i]
             return k
         moved = between_poses(state, pose)
@@ -273,6 +273,6 @@ def track_scans(
             key_rows, key_counts, key_origins, key_poses, keys,
         ):  # fmt: skip
             if has_odometry:
-                learn(wheels, innovations, variances, out[k, 6] > 0.0)
+                learn(wheels, innovations, out[k, 6] > 0.0)
             anchor(wheels, pose)
     return len(bounds) - 1

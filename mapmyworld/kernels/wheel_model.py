@@ -1,15 +1,20 @@
-"""What a log shows of its own odometry: noise, and the systematic errors of wheels.
+"""What a log shows of its own odometry: noise, and the systematic errors of wheels and mount.
 
 Of the errors of wheels (Borenstein and Feng, "UMBmark", 1995) three grow with the drive: a wrong
 scale, and a heading that errs with the distance (unequal wheels) and with the rotation (a wrong
-wheelbase). Scan matching shows them: what a match adds to the odometry since the last keyframe
-is an innovation, and each is one sample. The model is an array (15,) that kernels read and write:
+wheelbase). A laser that is not where the log says moves otherwise than the wheels: by a lever arm
+where the robot turns, and askew where it drives (Censi, Franchi, Marchionni and Oriolo,
+"Simultaneous calibration of odometry and sensor parameters for mobile robots", 2013). Scan matching
+shows them: what a match adds to the odometry since the last keyframe is an innovation, and each is
+one sample. The model is an array (52,) that kernels read and write:
 
   0-1    noise of position [m^2 per m] and heading [rad^2 per rad]: see `random_variances`
-  2-4    scale [m per m], heading by distance [rad per m], heading by rotation [rad per rad]
-  5-7    variances of these three
+  2-7    scale [m per m]; laser turned [rad], ahead and aside [m] of where the log says; heading by
+         distance [rad per m] and by rotation [rad per rad]
   8-10   pose by odometry, from that of the last keyframe
-  11-14  since that keyframe: path [m], rotation [rad], both without sign, then with it
+  11-13  pose of that keyframe
+  14-15  since that keyframe: path [m], rotation [rad], both without sign
+  16-51  covariance (6, 6) of the errors
 """
 
 from __future__ import annotations
@@ -18,10 +23,11 @@ import numpy as np
 
 from mapmyworld.geometry import Array
 from mapmyworld.kernels.compiling import inner_jit, jit
-from mapmyworld.kernels.laser_motion import wrapped
+from mapmyworld.kernels.laser_motion import between_poses, wrapped
 
 FIRST_NOISE = 0.01  # m^2 per m and rad^2 per rad, of wheels nobody calibrated
-FIRST_SIGMAS = (0.03, 0.015, 0.03)  # m per m, rad per m, rad per rad, of the same
+FIRST_SIGMAS = (0.03, 0.01, 0.03, 0.03, 0.015, 0.03)  # of the systematic errors of the same
+ERRORS = len(FIRST_SIGMAS)
 _FLOOR = 0.005  # m, and half as many rad, that any recorded motion may be off by
 METRES_PER_RADIAN, RADIANS_PER_METRE = 0.04, 0.09  # as noise of position and of heading counts
 MEMORY = 0.95  # weight of the past in running means of how the robot moves
@@ -32,55 +38,82 @@ MOVES = 0.01  # m and rad from which a robot moves, and not only its measurement
 
 
 def new_wheels() -> Array:
-    """A model (15,) of wheels about which nothing is known yet."""
-    wheels = np.zeros(15)
-    wheels[:2], wheels[5:8] = FIRST_NOISE, np.square(FIRST_SIGMAS)
+    """A model (52,) of wheels about which nothing is known yet."""
+    wheels = np.zeros(16 + ERRORS * ERRORS)
+    wheels[:2], wheels[16:] = FIRST_NOISE, np.diag(np.square(FIRST_SIGMAS)).ravel()
     return wheels
 
 
 @jit
+def slopes(motions: Array, turned: Array) -> Array:
+    """(E, 3, 6) by what each systematic error changes motions (E, 3) that turned so (E,) far."""
+    found = np.zeros((len(motions), 3, ERRORS))
+    for k in range(len(motions)):
+        x, y, yaw, rows = motions[k, 0], motions[k, 1], turned[k], found[k]
+        c, s = np.cos(yaw) - 1.0, np.sin(yaw)
+        rows[0, 0], rows[0, 1], rows[0, 2], rows[0, 3] = x, y, c, -s
+        rows[1, 0], rows[1, 1], rows[1, 2], rows[1, 3] = y, -x, s, c
+        rows[2, 4], rows[2, 5] = x, yaw
+    return found
+
+
+@jit
 def reckon(wheels: Array, step: Array) -> None:
-    """One more recorded step (3,) in the model (15,), its systematic errors corrected."""
-    forward, rotation = step[0], step[2]
-    x, y = (1.0 + wheels[2]) * step[0], (1.0 + wheels[2]) * step[1]
-    yaw = rotation + wheels[3] * forward + wheels[4] * rotation
+    """One more recorded step (3,) in the model (52,), its systematic errors corrected."""
+    yaw = step[2] + wheels[6] * step[0] + wheels[7] * step[2]
+    rows = slopes(step.reshape(1, 3), np.array([yaw]))[0]
+    x, y = step[0], step[1]
+    for k in range(4):
+        x += rows[0, k] * wheels[2 + k]
+        y += rows[1, k] * wheels[2 + k]
     c, s = np.cos(wheels[10]), np.sin(wheels[10])
     wheels[8] += c * x - s * y
     wheels[9] += s * x + c * y
     wheels[10] = wrapped(wheels[10] + yaw)
-    wheels[11] += np.hypot(x, y)
-    wheels[12] += abs(yaw)
-    wheels[13] += forward
-    wheels[14] += rotation
+    wheels[14] += np.hypot(step[0], step[1])
+    wheels[15] += abs(step[2])
 
 
 def lengthen(wheels: Array, step: Array, way: Array) -> None:
-    """A recorded step (3,) of the model (15,) was such a way (2,), m and rad, or its own length."""
+    """A recorded step (3,) of the model (52,) was such a way (2,), m and rad, or its own length."""
     taken = np.array([np.hypot(step[0], step[1]), abs(step[2])])
-    wheels[11:13] += np.maximum(way - taken, 0.0)
+    wheels[14:16] += np.maximum(way - taken, 0.0)
 
 
 @jit
 def anchor(wheels: Array, pose: Array) -> None:
-    """Odometry of the model (15,) counts anew from a pose (3,)."""
+    """Odometry of the model (52,) counts anew from a pose (3,)."""
     for i in range(3):
-        wheels[8 + i] = pose[i]
-    for i in range(11, 15):
-        wheels[i] = 0.0
+        wheels[8 + i] = wheels[11 + i] = pose[i]
+    wheels[14] = wheels[15] = 0.0
 
 
 @jit
 def reckoned_variances(wheels: Array) -> Array:
-    """Variances (3,), m^2 and rad^2, of the odometry of a model (15,) since the last keyframe.
+    """Variances (3,), m^2 and rad^2, of the odometry of a model (52,) since the last keyframe.
 
     Noise adds up step by step, and its variance with the path; what is systematic errs by the same
     in every step, and its sigma grows with the path.
     """
-    variances = random_variances(wheels[:2], wheels[11], wheels[12])
-    along, turned = wheels[13] * wheels[13], wheels[14] * wheels[14]
-    variances[:2] += wheels[5] * along
-    variances[2] += wheels[6] * along + wheels[7] * turned
+    variances = random_variances(wheels[:2], wheels[14], wheels[15])
+    rows, known = _slopes_here(wheels), wheels[16:].reshape(ERRORS, ERRORS)
+    for axis in range(3):
+        for i in range(ERRORS):
+            for j in range(ERRORS):
+                variances[axis] += rows[axis, i] * known[i, j] * rows[axis, j]
     return variances
+
+
+@inner_jit
+def _slopes_here(wheels: Array) -> Array:
+    """(3, 6) of the motion since the last keyframe, in the frame of its end, as innovations are."""
+    moved = between_poses(wheels[11:14], wheels[8:11])
+    rows: Array = slopes(moved.reshape(1, 3), moved[2:])[0]
+    c, s = np.cos(moved[2]), np.sin(moved[2])
+    for k in range(ERRORS):
+        x, y = rows[0, k], rows[1, k]
+        rows[0, k], rows[1, k] = c * x + s * y, c * y - s * x
+    return rows
 
 
 @jit
@@ -95,28 +128,22 @@ def random_variances(noise: Array, path: float, rotation: float) -> Array:
 
 
 @jit
-def learn(wheels: Array, found: Array, variances: Array, is_open: bool) -> None:
-    """Lets a model (15,) learn from one innovation (7,) of a prediction of these variances (3,).
+def learn(wheels: Array, found: Array, is_open: bool) -> None:
+    """Lets a model (52,) learn from one innovation (7,).
 
     All of it counts as the odometry's: what the match errs by makes its prior no more certain.
-    Where the match `is_open` along walls, it shows no scale: what it has there is the noise of its
-    normals. Straight on it shows no error by rotation: what was recorded there is noise, all of it
-    an error, and so is what was matched.
+    Where the match `is_open` along walls, positions show nothing systematic: what it has there is
+    the noise of its normals. Straight on it shows no error by rotation: what was recorded there is
+    noise, all of it an error, and so is what was matched.
     """
-    if wheels[11] < MOVES and wheels[12] < MOVES:
+    if wheels[14] < MOVES and wheels[15] < MOVES:
         return
-    once = random_variances(np.ones(2), wheels[11], wheels[12])
+    once = random_variances(np.ones(2), wheels[14], wheels[15])
     weight = min(1.0, OUTLIER / max(found[6], 1e-9))  # a fault: as the largest that is none
     _learn_noise(wheels, 0, 0.5 * (found[0] * found[0] + found[1] * found[1]) / once[0] * weight)
     _learn_noise(wheels, 1, found[2] * found[2] / once[2] * weight)
     if found[6] < OUTLIER:
-        if not is_open:
-            _learn_systematic(wheels, 0, found, variances, 0, wheels[13])
-        _learn_systematic(wheels, 1, found, variances, 2, wheels[13])
-        rotation = wheels[14] + found[2]
-        straight = random_variances(wheels[:2], wheels[11], 0.0)
-        if rotation * rotation > _SHOWS * (straight[2] + found[5]):
-            _learn_systematic(wheels, 2, found, variances, 2, rotation)
+        _learn_systematic(wheels, found, is_open)
 
 
 @inner_jit
@@ -125,11 +152,26 @@ def _learn_noise(wheels: Array, k: int, sample: float) -> None:
 
 
 @inner_jit
-def _learn_systematic(
-    wheels: Array, k: int, found: Array, variances: Array, axis: int, by: float
-) -> None:
-    """A scalar Kalman filter: the innovation of this axis grows `by` so much a unit of error."""
-    variance = wheels[5 + k]
-    gain = variance * by / (variances[axis] + found[3 + axis] + by * by * variance)
-    wheels[2 + k] += gain * found[axis]
-    wheels[5 + k] *= 1.0 - gain * by
+def _learn_systematic(wheels: Array, found: Array, is_open: bool) -> None:
+    """A Kalman filter: the innovation's axes, one after the other."""
+    rows, known = _slopes_here(wheels), wheels[16:].reshape(ERRORS, ERRORS)
+    noise = random_variances(wheels[:2], wheels[14], wheels[15])
+    rotation = rows[2, 5] + found[2]
+    straight = random_variances(wheels[:2], wheels[14], 0.0)
+    is_straight = rotation * rotation <= _SHOWS * (straight[2] + found[5])
+    rows[2, 5] = 0.0 if is_straight else rotation
+    change = np.zeros(ERRORS)
+    for axis in range(2 if is_open else 0, 3):
+        missed, variance, pull = found[axis], noise[axis] + found[3 + axis], np.zeros(ERRORS)
+        for i in range(ERRORS):
+            for j in range(ERRORS):
+                pull[i] += known[i, j] * rows[axis, j]
+        for i in range(ERRORS):
+            missed -= rows[axis, i] * change[i]
+            variance += rows[axis, i] * pull[i]
+        for i in range(ERRORS):
+            change[i] += pull[i] / variance * missed
+            for j in range(ERRORS):
+                known[i, j] -= pull[i] * pull[j] / variance
+    for i in range(ERRORS):
+        wheels[2 + i] += change[i]

@@ -29,6 +29,7 @@ from mapmyworld.kernels.wheel_model import (
 )
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes
+from mapmyworld.odometry.laser_mount import notes as mount_notes
 from mapmyworld.odometry.odometry_faults import fault
 from mapmyworld.odometry.pose_hypotheses import FAULT, FEWEST, SEEN, Prior, likeliest_match
 from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
@@ -64,10 +65,11 @@ class LaserTracker:
     """Follows the robot from scan to scan in bounded memory."""
 
     def __init__(self, config: Config, wheels: Array | None = None) -> None:
-        """`wheels` (15,): how the odometry is calibrated, if that is known."""
+        """`wheels` (52,): how the odometry is calibrated, if that is known."""
         self._odometry, self._matching = config.odometry, config.registration
         self._faults: Counter[str] = Counter()
         self._compared = 0  # steps of which odometry and match are known
+        self._looked = np.ones(2)  # how often hypotheses were compared where nothing fitted, or one
         self._degenerate = DegenerateSections()
         self._lost_ns: list[int] = []
         self._keyframes = Keyframes(config)
@@ -128,7 +130,7 @@ class LaserTracker:
 
     @property
     def wheels(self) -> Array:
-        """(15,) how the log has calibrated its odometry so far: see `kernels.wheel_model`."""
+        """(52,) how the log has calibrated its odometry so far: see `kernels.wheel_model`."""
         return self._wheels.copy()
 
     def notes(self) -> tuple[str, ...]:
@@ -137,7 +139,7 @@ class LaserTracker:
             f"odometry {kind} at {count} of {self._compared} scans"
             for kind, count in self._faults.most_common()
         ]
-        found += self._degenerate.notes()
+        found += [*mount_notes(self._wheels), *self._degenerate.notes()]
         if self._lost_ns:
             when = named_moments(self._lost_ns, self._first_ns or 0)
             found.append(f"tracking was lost at {when}: no scan match and no odometry")
@@ -252,14 +254,16 @@ class LaserTracker:
         return self._time.is_placed and self._time.goes_on(frame.stamp_ns)
 
     def _by_wheels(self, wheels: Array) -> Prior:
-        """Where the odometry of a model (15,) leads to since the last keyframe.
+        """Where the odometry of a model (52,) leads to since the last keyframe.
 
         The probability of a fault is the share of faults so far, as if 1 / FAULT steps with one
-        of them had been seen before.
+        of them had been seen before, and that of a scan that fits nothing their share of all that
+        were looked at closely.
         """
         variances = np.asarray(reckoned_variances(wheels))
         fault = (1.0 + self._faults.total()) / (1.0 / FAULT + self._compared)
-        return Prior(wheels[8:11].copy(), variances, True, variances, fault)
+        fits = float(np.log(self._looked[1] / self._looked[0]))
+        return Prior(wheels[8:11].copy(), variances, True, variances, fault, fits)
 
     def _unmatched(
         self, frame: Frame, scan: PreparedScan, prior: Prior, grown: Array, overlap: float
@@ -272,7 +276,7 @@ class LaserTracker:
         as nothing else can have become of it.
         """
         is_first = self._time.is_placed
-        path, rotation = self._wheels[11:13]
+        path, rotation = self._wheels[14:16]
         far = path > self._odometry.search_distance or rotation > self._odometry.search_angle
         changed = prior.has_odometry and far
         refuted = False
@@ -316,7 +320,7 @@ class LaserTracker:
             if is_new or verdict != "matched":
                 if not recorded.any() and self._stalled is None and verdict != "matched":
                     self._stalled = self._wheels.copy()
-                learn(self._wheels, found, variances, weak)
+                learn(self._wheels, found, weak)
                 anchor(self._wheels, match.pose)
             self._compared += 1
             if found[6] > self._odometry.contradiction**2:
@@ -346,6 +350,7 @@ class LaserTracker:
         best = likeliest_match(
             scan, self._keyframes, self._state, prior, first, self._odometry, self._settings
         )
+        self._looked[int(best is not None)] += 1.0
         if best is None:
             return first, "lost", prior.variances
         if best is first:

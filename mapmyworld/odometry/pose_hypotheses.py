@@ -55,6 +55,8 @@ class Prior:
     """(3,) variances of a robot that moves otherwise; with odometry the same."""
     fault: float = FAULT
     """Probability of a fault in this step."""
+    fits: float = 0.0
+    """Log odds that a scan fits where odometry leads, beforehand: by how many did."""
 
     def window(self, config: OdometryConfig) -> tuple[float, float]:
         """Metres and radians to each side in which a fault is looked for, or where the robot is."""
@@ -125,7 +127,9 @@ def likeliest_match(
     beyond_chance = plain.evidence - needed_evidence(*window)
     if not prior.has_odometry:  # nothing but a motion that is possible leads there
         beyond_chance += its_prior / NATS
-    fits = beyond_chance >= 0.0 and _has_points(first, scan)
+    if not _has_points(first, scan):
+        beyond_chance = -np.inf
+    fits = beyond_chance >= 0.0
     best, most = (first, 0.0) if fits else (None, 0.0)
     is_refuted = (
         not fits
@@ -149,7 +153,8 @@ def likeliest_match(
             more += NATS * other.beyond(plain) - its_prior
         if more > most:
             best, most = match, more
-    return best
+    is_likely = beyond_chance + prior.fits / NATS >= 0.0
+    return first if best is None and is_likely else best
 
 
 def _has_points(match: Match, scan: PreparedScan) -> bool:

@@ -22,7 +22,7 @@ _PATH = 15.0
 
 
 def calibrated_wheels(groups: Iterable[list[Frame]], config: Config) -> Array:
-    """(15,) systematic errors and noise of the odometry in the frames, which come in groups.
+    """(52,) systematic errors and noise of the odometry in the frames, which come in groups.
 
     Frames are tracked until the scale errs less over `_PATH` than noise does there; in a log that
     never shows its scale, that is all of it. The noise is the median over the groups, as
@@ -33,7 +33,7 @@ def calibrated_wheels(groups: Iterable[list[Frame]], config: Config) -> Array:
         tracker.track_all(frames)
         count += len(frames)
         noise.append(tracker.wheels[:2])
-        if _PATH * tracker.wheels[5] <= float(np.median(noise, axis=0)[0]):
+        if _PATH * tracker.wheels[16] <= float(np.median(noise, axis=0)[0]):
             break
     wheels = tracker.wheels
     if noise:
@@ -41,6 +41,7 @@ def calibrated_wheels(groups: Iterable[list[Frame]], config: Config) -> Array:
     decided(
         "calibrate",
         f"odometry by {count} frames: scale {wheels[2]:+.4f}, "
-        f"heading {np.degrees(wheels[3]):+.2f} deg per m and {wheels[4]:+.4f} per rad",
+        f"laser {np.degrees(wheels[3]):+.2f} deg, {wheels[4]:+.3f} m, {wheels[5]:+.3f} m off, "
+        f"heading {np.degrees(wheels[6]):+.2f} deg per m and {wheels[7]:+.4f} per rad",
     )
     return wheels

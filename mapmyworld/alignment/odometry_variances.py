@@ -18,12 +18,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.alignment.joint_system import Edges
 from mapmyworld.backend.block_matrix import diagonals
-from mapmyworld.backend.factors import factors_at
-from mapmyworld.backend.information import (
-    Information,
-    NotPositiveDefiniteError,
-    information_of,
-)
+from mapmyworld.backend.information import NotPositiveDefiniteError
 from mapmyworld.backend.residuals import edge_residuals
 from mapmyworld.backend.system import System, number_free, with_edges
 from mapmyworld.decisions import decided
@@ -144,11 +139,9 @@ class WeighedOdometry:
         asked = _some(scans, self._session, count)
         ends = np.append(tails[motions], asked), np.append(heads[motions], robots[asked])
         try:
-            information = information_of(joint, poses)
+            known = relative_covariances(joint, poses, *ends).diagonal(0, 1, 2)
         except NotPositiveDefiniteError:
             return
-        known = relative_covariances(joint, poses, *ends, information).diagonal(0, 1, 2)
-        errors = self._errors_shown(joint, poses, tails, heads, information)
         for k in range(count):
             mine, own = self._of[motions] == k, self._session[asked] == k
             rows, rest = motions[mine], known[len(motions) :]
@@ -161,36 +154,8 @@ class WeighedOdometry:
                 f"odometry errs by {_text(self.noise[k])} a metre along, across and in heading, "
                 f"scans beside it by {_text(self.scatter[k])}",
             )
-        self.errors = errors
+            self._calibrate(k, found)
         self._trust(found)
-
-    def _errors_shown(
-        self, joint: System, poses: Array, tails: Index, heads: Index, known: Information
-    ) -> Array:
-        """(K, 6) systematic errors of least cost, poses (N + S, 3) following as they may.
-
-        Motions (E,) are between `tails` and `heads`. Poses are eliminated (Schur complement): what
-        odometry alone shows of a way says nothing of its errors.
-        """
-        rows, measured = np.flatnonzero(self.trusted), self._measured()
-        measured, roots = measured[rows], 1.0 / np.sqrt(self._variances()[rows])
-        odometry = replace(
-            joint, tails=tails[rows], heads=heads[rows], measured=measured,
-            information=diagonals(roots**2), kinds=None,
-        )  # fmt: skip
-        linear = factors_at(odometry, poses, known.values).linearize(known.values)
-        by_poses, less = known.variables.jacobian(linear)
-        own = slopes(self._recorded[rows], measured[:, 2])
-        c, s = np.cos(measured[:, 2, None]), np.sin(measured[:, 2, None])
-        own[:, 0], own[:, 1] = c * own[:, 0] + s * own[:, 1], c * own[:, 1] - s * own[:, 0]
-        by_errors = np.zeros((len(rows), 3, *self.errors.shape))
-        by_errors[np.arange(len(rows)), :, self._of[rows]] = -roots[:, :, None] * own
-        by_errors = by_errors.reshape(by_poses.shape[0], self.errors.size)
-        pulls = by_poses.T @ by_errors
-        first = np.tile(1.0 / np.square(FIRST_SIGMAS), len(self.errors))
-        normal = by_errors.T @ by_errors - pulls.T @ known.factorised.solve(pulls) + np.diag(first)
-        right = by_errors.T @ less - first * self.errors.ravel()
-        return self.errors + np.linalg.solve(normal, right).reshape(self.errors.shape)
 
     def _calibrate(self, k: int, found: Array) -> None:
         """Systematic errors, fitted to motions that were `found` (E, 3).

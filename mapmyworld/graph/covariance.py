@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.backend.connected_components import positions
-from mapmyworld.backend.information import Information, NotPositiveDefiniteError, information_of
+from mapmyworld.backend.information import NotPositiveDefiniteError, information_of
 from mapmyworld.backend.predictions import predictions
 from mapmyworld.backend.system import System, chosen_edges
 from mapmyworld.errors import GraphError
@@ -98,15 +98,12 @@ def _solved(problem: Problem) -> Array:
     return poses
 
 
-def relative_covariances(
-    system: System, poses: Array, tails: Index, heads: Index, known: Information | None = None
-) -> Array:
+def relative_covariances(system: System, poses: Array, tails: Index, heads: Index) -> Array:
     """(P, d, d) covariance of the motions between pairs of nodes, in the second node's frame.
 
     Raises `NotPositiveDefiniteError` where the edges leave a node undetermined.
 
-    `poses` (N, 3 or 4, 4) are map_from_node, `tails` and `heads` (P,) the pairs; the system's
-    information there may be `known`.
+    `poses` (N, 3 or 4, 4) are map_from_node, `tails` and `heads` (P,) the pairs.
     """
     step = between_planar if system.planar else between
     exact = np.tile(np.eye(system.dimension), (len(tails), 1, 1))
@@ -115,7 +112,7 @@ def relative_covariances(
         information=exact, kinds=None,
     )  # fmt: skip
     alone = list(np.arange(len(tails)).reshape(-1, 1))
-    found = predictions(known or information_of(system, poses), asked, poses, alone)
+    found = predictions(information_of(system, poses), asked, poses, alone)
     return np.array([one.covariance for one in found]).reshape(exact.shape)
 
 

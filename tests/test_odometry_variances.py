@@ -16,7 +16,7 @@ from mapmyworld.kernels.wheel_model import METRES_PER_RADIAN, RADIANS_PER_METRE
 from mapmyworld.types import Node
 
 COUNT = 800
-ERRORS = np.array([-0.02, 0.015, 0.06, -0.04, 0.01, 0.03])
+ERRORS = np.array([-0.02, 0.006, 0.02, -0.015, 0.01, 0.03])
 NOISE = np.array([0.02, 0.015, np.radians(1.5)])
 SCATTER = np.array([0.015, 0.015, np.radians(0.6)])
 EXACT = np.diag([1e8, 1e8, 1e9])

@@ -26,7 +26,7 @@ from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.kernels.laser_motion import between_poses, wrapped
 
 FIRST_NOISE = 0.01  # m^2 per m and rad^2 per rad, of wheels nobody calibrated
-FIRST_SIGMAS = (0.03, 0.005, 0.01, 0.01, 0.015, 0.03)  # of the systematic errors of the same
+FIRST_SIGMAS = (0.03, 0.01, 0.02, 0.02, 0.015, 0.03)  # of the systematic errors of the same
 ERRORS = len(FIRST_SIGMAS)
 _FLOOR = 0.005  # m, and half as many rad, that any recorded motion may be off by
 METRES_PER_RADIAN, RADIANS_PER_METRE = 0.04, 0.09  # as noise of position and of heading counts

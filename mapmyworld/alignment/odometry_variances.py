@@ -33,7 +33,7 @@ from mapmyworld.kernels.wheel_model import (
     MOVES,
     OUTLIER,
     RADIANS_PER_METRE,
-    slopes,
+    error_jacobians,
 )
 from mapmyworld.types import Node
 
@@ -162,11 +162,10 @@ class WeighedOdometry:
 
         By the rotation that was found: noise of the recorded one would make it less.
         """
-        use = self._trusted_of(k)
+        use, self.errors[k] = self._trusted_of(k), 0.0
         weight = 1.0 / (self._variances()[use] + 2.0 * self.scatter[k])
-        rows = slopes(self._recorded[use], found[use, 2])
-        missed = found[use] - self._recorded[use]
-        missed[:, 2] = wrap_angle(missed[:, 2])
+        rows = error_jacobians(self._recorded[use], found[use, 2])
+        missed = self._missed(found)[use]
         weighed = rows.swapaxes(1, 2) * weight[:, None]
         normal = np.sum(weighed @ rows, axis=0) + np.diag(1.0 / np.square(FIRST_SIGMAS))
         self.errors[k] = np.linalg.solve(normal, np.sum(weighed @ missed[:, :, None], axis=0))[:, 0]
@@ -189,7 +188,7 @@ class WeighedOdometry:
         """(E, 3) recorded motions without systematic errors."""
         errors, (x, _, turn) = self.errors[self._of], self._recorded.T
         turned = (turn + errors[:, 4] * x) / (1.0 - errors[:, 5])
-        change = slopes(self._recorded, turned) @ errors[:, :, None]
+        change = error_jacobians(self._recorded, turned) @ errors[:, :, None]
         return np.asarray(self._recorded + change[:, :, 0])
 
     def _variances(self) -> Array:

@@ -45,7 +45,7 @@ def new_wheels() -> Array:
 
 
 @jit
-def slopes(motions: Array, turned: Array) -> Array:
+def error_jacobians(motions: Array, turned: Array) -> Array:
     """(E, 3, 6) by what each systematic error changes motions (E, 3) that turned so (E,) far."""
     found = np.zeros((len(motions), 3, ERRORS))
     for k in range(len(motions)):
@@ -61,7 +61,7 @@ def slopes(motions: Array, turned: Array) -> Array:
 def reckon(wheels: Array, step: Array) -> None:
     """One more recorded step (3,) in the model (52,), its systematic errors corrected."""
     yaw = step[2] + wheels[6] * step[0] + wheels[7] * step[2]
-    rows = slopes(step.reshape(1, 3), np.array([yaw]))[0]
+    rows = error_jacobians(step.reshape(1, 3), np.array([yaw]))[0]
     x, y = step[0], step[1]
     for k in range(4):
         x += rows[0, k] * wheels[2 + k]
@@ -96,7 +96,7 @@ def reckoned_variances(wheels: Array) -> Array:
     in every step, and its sigma grows with the path.
     """
     variances = random_variances(wheels[:2], wheels[14], wheels[15])
-    rows, known = _slopes_here(wheels), wheels[16:].reshape(ERRORS, ERRORS)
+    rows, known = _jacobian_here(wheels), wheels[16:].reshape(ERRORS, ERRORS)
     for axis in range(3):
         for i in range(ERRORS):
             for j in range(ERRORS):
@@ -105,10 +105,10 @@ def reckoned_variances(wheels: Array) -> Array:
 
 
 @inner_jit
-def _slopes_here(wheels: Array) -> Array:
+def _jacobian_here(wheels: Array) -> Array:
     """(3, 6) of the motion since the last keyframe, in the frame of its end, as innovations are."""
     moved = between_poses(wheels[11:14], wheels[8:11])
-    rows: Array = slopes(moved.reshape(1, 3), moved[2:])[0]
+    rows: Array = error_jacobians(moved.reshape(1, 3), moved[2:])[0]
     c, s = np.cos(moved[2]), np.sin(moved[2])
     for k in range(ERRORS):
         x, y = rows[0, k], rows[1, k]
@@ -154,7 +154,7 @@ def _learn_noise(wheels: Array, k: int, sample: float) -> None:
 @inner_jit
 def _learn_systematic(wheels: Array, found: Array, is_open: bool) -> None:
     """A Kalman filter: the innovation's axes, one after the other."""
-    rows, known = _slopes_here(wheels), wheels[16:].reshape(ERRORS, ERRORS)
+    rows, known = _jacobian_here(wheels), wheels[16:].reshape(ERRORS, ERRORS)
     noise = random_variances(wheels[:2], wheels[14], wheels[15])
     rotation = rows[2, 5] + found[2]
     straight = random_variances(wheels[:2], wheels[14], 0.0)

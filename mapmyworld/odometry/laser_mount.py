@@ -13,7 +13,7 @@ _SURE = 5.0  # sigmas
 
 def notes(wheels: Array) -> tuple[str, ...]:
     """One line where a model (52,) of the odometry is sure that the laser sits elsewhere."""
-    off, sigmas = wheels[3:6], np.sqrt(wheels[16 :: ERRORS + 1][1:4])
+    off, sigmas = wheels[3:6], np.sqrt(np.diag(wheels[16:].reshape(ERRORS, ERRORS)))[1:4]
     if (np.abs(off) <= np.maximum(_WORTH_A_WORD, _SURE * sigmas)).all():
         return ()
     turned, ahead, aside = np.degrees(off[0]), off[1], off[2]

@@ -69,7 +69,7 @@ class LaserTracker:
         self._odometry, self._matching = config.odometry, config.registration
         self._faults: Counter[str] = Counter()
         self._compared = 0  # steps of which odometry and match are known
-        self._looked = np.ones(2)  # how often hypotheses were compared where nothing fitted, or one
+        self._close_looks = np.ones(2)  # at scans of which no hypothesis fitted, and at others
         self._degenerate = DegenerateSections()
         self._lost_ns: list[int] = []
         self._keyframes = Keyframes(config)
@@ -262,7 +262,7 @@ class LaserTracker:
         """
         variances = np.asarray(reckoned_variances(wheels))
         fault = (1.0 + self._faults.total()) / (1.0 / FAULT + self._compared)
-        fits = float(np.log(self._looked[1] / self._looked[0]))
+        fits = float(np.log(self._close_looks[1] / self._close_looks[0]))
         return Prior(wheels[8:11].copy(), variances, True, variances, fault, fits)
 
     def _unmatched(
@@ -350,7 +350,7 @@ class LaserTracker:
         best = likeliest_match(
             scan, self._keyframes, self._state, prior, first, self._odometry, self._settings
         )
-        self._looked[int(best is not None)] += 1.0
+        self._close_looks[int(best is not None)] += 1.0
         if best is None:
             return first, "lost", prior.variances
         if best is first:

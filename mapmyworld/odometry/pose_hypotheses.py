@@ -56,7 +56,7 @@ class Prior:
     fault: float = FAULT
     """Probability of a fault in this step."""
     fits: float = 0.0
-    """Log odds that a scan fits where odometry leads, beforehand: by how many did."""
+    """Log odds, before it is looked at, that a scan fits where the odometry leads."""
 
     def window(self, config: OdometryConfig) -> tuple[float, float]:
         """Metres and radians to each side in which a fault is looked for, or where the robot is."""
@@ -124,11 +124,10 @@ def likeliest_match(
     plain, its_prior = place.agreement_with(view, first.pose), prior.log(first.pose, config)
     points = keyframes.independent_points(scan, settings)
     window = np.minimum(reach, (distance, angle))
-    beyond_chance = plain.evidence - needed_evidence(*window)
+    evidence = plain.evidence if _has_points(first, scan) else -np.inf
+    beyond_chance = evidence - needed_evidence(*window)
     if not prior.has_odometry:  # nothing but a motion that is possible leads there
         beyond_chance += its_prior / NATS
-    if not _has_points(first, scan):
-        beyond_chance = -np.inf
     fits = beyond_chance >= 0.0
     best, most = (first, 0.0) if fits else (None, 0.0)
     is_refuted = (

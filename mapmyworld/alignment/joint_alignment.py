@@ -38,7 +38,7 @@ class JointAlignment:
     """What the joint alignment came to."""
 
     poses: Array
-    """(N + S, 3): of the system's nodes, then of a robot for every scan."""
+    """(N, 3) of the system's nodes."""
     moved: tuple[float, ...]
     """Root mean square movement of what does not stay in each round, metres."""
     residual: float
@@ -67,23 +67,22 @@ def align_in_rounds(
     are what the solution before shows of them.
     """
     moved: list[float] = []
-    variance, count = _point_variance(config), len(poses)
-    poses = odometry.robots(poses)
+    variance = _point_variance(config)
     learnt: tuple[System, int] | None = None  # what variances are to be learnt from, and its pairs
     for reach in max_distances:
-        before, pairs = poses, pairs_at(poses[:count])
+        before, pairs = poses, pairs_at(poses)
         systems = _associated(scans, before, pairs, reach, config)
         last = reach == max_distances[-1]  # beyond it points miss by more than they err
         for _ in range(_STEPS if last else 1):
             if learnt is not None:
                 variance *= variance_factor(*learnt, poses)
                 odometry.learn(learnt[0], poses)
-            every = odometry.beside(system)
+            every = odometry.added_to(system)
             every = with_edges(every, *pair_edges(before, pairs, systems, variance))
             joint = believed_edges(every, np.ones(len(every.tails), np.bool_))
             poses = optimised_roughly(joint, poses, steps=1)
             learnt = (joint, len(pairs)) if last else None
-        moved.append(_length((poses - before)[:count][joint.free[:count] >= 0, :2]))
+        moved.append(_length((poses - before)[joint.free >= 0, :2]))
         weights = max(float(systems[:, 9].sum()), 1e-9)
         residual = float(np.sqrt(systems[:, 10].sum() / weights))
         progress.update(len(moved))

@@ -215,12 +215,13 @@ def _rounds(
     noise = np.median(own.diagonal(0, 1, 2), axis=0)
     own += diagonals(sweep_variances(task.nodes, task.frames, noise, settings)[task.chosen])
     known = without_unmatched(found.joint, found.pairs, blind, AHEAD)
-    mapped = len(poses) + len(landmarks)
-    spread = marginal_covariances(known, every, mapped)
-    anchors = np.zeros(0, np.int64)
-    if spread is not None and not held.any():
-        spread = spread + of_anchors(found.joint, own, every)[:mapped]
-        anchors = np.flatnonzero(found.joint.free[:count] < 0)
+    mapped = len(poses) + len(landmarks)  # the map's frame is a node as well
+    spread, anchors = marginal_covariances(known, every), np.zeros(0, np.int64)
+    if spread is not None:
+        spread = spread[:mapped]
+        if not held.any():
+            spread += of_anchors(found.joint, own, every)[:mapped]
+            anchors = np.flatnonzero(found.joint.free[:count] < 0)
     rest = found.moved, residual, spread, own, anchors
     return _Aligned(every[:count], every[count:mapped], *rest)
 

@@ -1,17 +1,15 @@
 """Odometry in the joint alignment: calibrated by the scans, with the noise that they show of it.
 
 Between two scans goes what the wheels recorded, not what was tracked: tracking compared the same
-points as pairs of scans do. Odometry carries a robot whose every scan lies beside it by an error of
-its own, of its stamps or of its sweep. What motions err by, along, across and in heading, and what
-scans do, are six variance components (Helmert 1907; Koch, "Parameter estimation and hypothesis
-testing in linear models", 1999, 3.6): squared residuals over redundancy, the share of each that the
-other measurements check. Where none shows how far a corridor goes nothing is learnt of it.
+points as pairs of scans do. What motions err by, along, across and in heading, are three variance
+components (Helmert 1907; Koch, "Parameter estimation and hypothesis testing in linear models",
+1999, 3.6): squared residuals over redundancy, the share of each that the other measurements check.
+Where none shows how far a corridor goes nothing is learnt of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +17,7 @@ from numpy.typing import NDArray
 from mapmyworld.alignment.joint_system import Edges
 from mapmyworld.backend.block_matrix import diagonals
 from mapmyworld.backend.information import NotPositiveDefiniteError
-from mapmyworld.backend.residuals import edge_residuals
-from mapmyworld.backend.system import System, number_free, with_edges
+from mapmyworld.backend.system import System, with_edges
 from mapmyworld.decisions import decided
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
@@ -37,21 +34,18 @@ from mapmyworld.kernels.wheel_model import (
 )
 from mapmyworld.types import Node
 
-_ASKED = 256  # motions, and scans, that variances are learnt from in a step
+_ASKED = 256  # motions that variances are learnt from in a step
 _LEAST = 1e-6  # m^2 per m and rad^2 per rad, which no odometry is better than
-_SHARE = 0.01  # of a motion's variance, that one of its scans or the odometry has at least
 _START = 10  # fits of systematic errors from none, each weighed by the one before
 
 
 class WeighedOdometry:
-    """The odometry between S scans of K sessions, and robots that it carries, one to a scan."""
+    """The odometry between S scans of K sessions."""
 
     errors: Array
     """(K, 6) systematic ones: see `kernels.wheel_model`."""
     noise: Array
     """(K, 3) variances of motions along, across and in heading: m^2, rad^2, a metre or radian."""
-    scatter: Array
-    """(K, 3) m^2, m^2 and rad^2: variances of how scans lie beside their robots."""
     trusted: NDArray[np.bool_]
     """(E,) motions that count, and are no faults of the odometry."""
 
@@ -69,8 +63,8 @@ class WeighedOdometry:
         turned = np.append(0.0, np.cumsum(np.abs(wrap_angle(steps[:, 2]))))
         self._tails, self._heads = tracked[:2]
         session = [nodes[k].session for k in chosen.tolist()]
-        every, self._session = np.unique(session, return_inverse=True)  # of each scan
-        self._of = self._session[self._tails]  # the session of each motion
+        every, of_scan = np.unique(session, return_inverse=True)
+        self._of = of_scan[self._tails]  # the session of each motion
         before, after = chosen[self._tails], chosen[self._heads]
         metres, radians = path[after] - path[before], turned[after] - turned[before]
         position = metres + METRES_PER_RADIAN * radians
@@ -79,17 +73,16 @@ class WeighedOdometry:
         self._lengths = np.maximum(np.stack([position, position, heading], axis=1), MOVES)
         told = np.abs(self._recorded - tracked[2]).max(axis=1) > 1e-9  # else the tracker's own
         self._usable = matched & told & (metres + radians > MOVES)
-        self._tracked, self._count, shape = tracked, len(chosen), (len(every), 3)
-        self.errors, self.trusted = np.zeros((len(every), ERRORS)), self._usable
-        self.noise, self.scatter = np.full(shape, FIRST_NOISE), np.full(shape, _SHARE * _LEAST)
+        self._tracked, self.trusted = tracked, self._usable
+        self.errors = np.zeros((len(every), ERRORS))
+        self.noise = np.full((len(every), 3), FIRST_NOISE)
         for k in np.unique(self._of).tolist():
             self._begin(k, tracked[2])
 
     def _begin(self, k: int, found: Array) -> None:
-        """A session's first noise and scatter, where the motions `found` (E, 3) are right.
+        """A session's first noise, where the motions `found` (E, 3) are right.
 
-        Noise starts too large: motions that are no faults by it show less, and so on. What a scan
-        errs by ends one motion and begins the next: their product is less by its variance.
+        It starts too large: motions that are no faults by it show less, and so on.
         """
         for _ in range(_START):
             self._trust(found)
@@ -98,61 +91,35 @@ class WeighedOdometry:
             missed, variances = self._missed(found)[use], self._variances()[use]
             change = _change(missed, 0.0 * missed, variances)
             self.noise[k] = np.maximum(self.noise[k] * change, _LEAST)
-        first = use[np.isin(use + 1, use)]
-        first = first[self._heads[first] == self._tails[first + 1]]
-        missed, typical = self._missed(found), np.median(self._lengths[self._of == k], axis=0)
-        shared = -np.sum(missed[first] * missed[first + 1], axis=0) / max(1, len(first))
-        whole = self.noise[k] * typical
-        self.scatter[k] = np.clip(shared, _SHARE * whole, (0.5 - _SHARE) * whole)
-        self.noise[k] = (whole - 2.0 * self.scatter[k]) / typical  # a motion has two ends
 
-    def robots(self, poses: Array) -> Array:
-        """(N + S, 3) the `poses` (N, 3), scans first, then the robots, each where its scan is."""
-        return np.concatenate([poses, poses[: self._count]])
-
-    def beside(self, system: System) -> System:
-        """The system of N nodes, the scans first, with the robots and the odometry behind."""
-        count, scans = len(system.free), np.arange(self._count)
-        stays = np.append(system.free < 0, np.zeros(len(scans), np.bool_))
-        joint = replace(system, free=number_free(stays))
-        lies = diagonals(1.0 / self.scatter[self._session])
-        joint = with_edges(joint, scans, count + scans, np.zeros((len(scans), 3)), lies)
-        rows = np.flatnonzero(self.trusted)
-        ends = count + self._tails[rows], count + self._heads[rows]
-        known = diagonals(1.0 / self._variances()[rows])
-        joint = with_edges(joint, *ends, self._measured()[rows], known)
-        faults = np.flatnonzero(~self.trusted)
+    def added_to(self, system: System) -> System:
+        """The system, whose first nodes are the scans, with the odometry behind its edges."""
+        rows, faults = np.flatnonzero(self.trusted), np.flatnonzero(~self.trusted)
+        ends, variances = (self._tails[rows], self._heads[rows]), self._variances()[rows]
+        joint = with_edges(system, *ends, self._measured()[rows], diagonals(1.0 / variances))
         tails, heads, measured, information = self._tracked
         ends = tails[faults], heads[faults]
         return with_edges(joint, *ends, measured[faults], information[faults])
 
     def learn(self, joint: System, poses: Array) -> None:
-        """One step to the variances that the system, solved by `poses` (N + S, 3), shows."""
-        scans = np.arange(self._count)
-        robots = len(poses) - len(scans) + scans
-        tails, heads = robots[self._tails], robots[self._heads]
-        found = between_planar(poses[tails], poses[heads])
-        missed = edge_residuals(True, poses[tails], poses[heads], self._measured())
-        beside = between_planar(poses[scans], poses[robots])
-        count, variances = len(self.noise), self._variances()
-        motions = _some(np.flatnonzero(self.trusted), self._of, count)
-        asked = _some(scans, self._session, count)
-        ends = np.append(tails[motions], asked), np.append(heads[motions], robots[asked])
+        """One step to the variances that the system, solved by `poses` (N, 3), shows."""
+        found = between_planar(poses[self._tails], poses[self._heads])
+        missed, count, variances = self._missed(found), len(self.noise), self._variances()
+        asked = _some(np.flatnonzero(self.trusted), self._of, count)
         try:
-            known = relative_covariances(joint, poses, *ends).diagonal(0, 1, 2)
+            known = relative_covariances(joint, poses, self._tails[asked], self._heads[asked])
         except NotPositiveDefiniteError:
             return
         for k in range(count):
-            mine, own = self._of[motions] == k, self._session[asked] == k
-            rows, rest = motions[mine], known[len(motions) :]
-            by_motion = _change(missed[rows], known[: len(motions)][mine], variances[rows])
-            by_scan = _change(beside[asked[own]], rest[own], self.scatter[k])
-            self.noise[k] = np.maximum(self.noise[k] * by_motion, _LEAST)
-            self.scatter[k] = np.maximum(self.scatter[k] * by_scan, _SHARE * _LEAST)
+            mine = self._of[asked] == k
+            rows = asked[mine]
+            change = _change(missed[rows], known[mine].diagonal(0, 1, 2), variances[rows])
+            self.noise[k] = np.maximum(self.noise[k] * change, _LEAST)
+            x, y, yaw = np.sqrt(self.noise[k]).tolist()
             decided(
                 "refine",
-                f"odometry errs by {_text(self.noise[k])} a metre along, across and in heading, "
-                f"scans beside it by {_text(self.scatter[k])}",
+                f"odometry errs by {x:.4f} m, {y:.4f} m, {np.degrees(yaw):.2f} deg a metre along, "
+                "across and in heading",
             )
             self._calibrate(k, found)
         self._trust(found)
@@ -163,7 +130,7 @@ class WeighedOdometry:
         By the rotation that was found: noise of the recorded one would make it less.
         """
         use, self.errors[k] = self._trusted_of(k), 0.0
-        weight = 1.0 / (self._variances()[use] + 2.0 * self.scatter[k])
+        weight = 1.0 / self._variances()[use]
         rows = error_jacobians(self._recorded[use], found[use, 2])
         missed = self._missed(found)[use]
         weighed = rows.swapaxes(1, 2) * weight[:, None]
@@ -172,8 +139,7 @@ class WeighedOdometry:
 
     def _trust(self, found: Array) -> None:
         """Which motions are no faults of the odometry."""
-        variances = self._variances() + 2.0 * self.scatter[self._of]
-        squares = np.sum(self._missed(found) ** 2 / variances, axis=1)
+        squares = np.sum(self._missed(found) ** 2 / self._variances(), axis=1)
         self.trusted = np.asarray(self._usable & (squares < OUTLIER))
 
     def _trusted_of(self, k: int) -> Index:
@@ -196,7 +162,7 @@ class WeighedOdometry:
 
 
 def _change(missed: Array, known: Array, variances: Array) -> Array:
-    """(3,) by what `variances` (E, 3) or (3,) change, after residuals that `missed` (E, 3) zero.
+    """(3,) by what `variances` (E, 3) change, after residuals that `missed` (E, 3) zero.
 
     The solution knows the measurements by `known` (E, 3); the better, the less redundant they are.
     One more residual is as large as was believed: where nothing is redundant nothing changes.
@@ -211,8 +177,3 @@ def _some(rows: Index, session: Index, count: int) -> Index:
     of_each = [rows[session[rows] == k] for k in range(count)]
     places = [np.linspace(0, len(r) - 1, min(len(r), _ASKED)).astype(np.int64) for r in of_each]
     return np.concatenate([r[at] for r, at in zip(of_each, places, strict=True)])
-
-
-def _text(variances: Array) -> str:
-    x, y, yaw = np.sqrt(variances).tolist()
-    return f"{x:.4f} m, {y:.4f} m, {np.degrees(yaw):.2f} deg"

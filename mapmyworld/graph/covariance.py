@@ -19,14 +19,13 @@ from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.types.pose_graph import PoseGraph
 
 
-def marginal_covariances(system: System, poses: Array, count: int | None = None) -> Array | None:
+def marginal_covariances(system: System, poses: Array) -> Array | None:
     """(N, d, d) covariance of every node in its own frame, given the fixed ones; zero for those.
 
-    By `poses` (N, 3 or 4, 4), map_from_node; of the first `count` alone, if given. None where the
-    edges leave a node undetermined.
+    By `poses` (N, 3 or 4, 4), map_from_node. None where the edges leave a node undetermined.
     """
-    size, free = system.dimension, np.flatnonzero(system.free[:count] >= 0)
-    covariances = np.zeros((len(system.free[:count]), size, size))
+    size, free = system.dimension, np.flatnonzero(system.free >= 0)
+    covariances = np.zeros((len(system.free), size, size))
     if len(free) == 0:
         return covariances
     try:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
+from mapmyworld.kernels.wheel_model import SYSTEMATIC
 from mapmyworld.odometry.laser_odometry import LaserTracker
 from mapmyworld.odometry.wheel_calibration import calibrated_wheels
 from mapmyworld.parallel import batches
@@ -56,7 +57,7 @@ def test_a_bare_corridor_is_as_long_as_what_comes_after_it_shows() -> None:
     """Wheels that measure 6 % too little: nothing in the corridor itself tells."""
     frames = drive(0.06)
     wheels = calibrated_wheels(batches(frames, 16), Config())
-    assert abs((1.0 + wheels[2]) * 0.94 - 1.0) < 0.01
+    assert abs((1.0 + wheels[SYSTEMATIC][0]) * 0.94 - 1.0) < 0.01
     assert abs(length(frames, None) - ENDS) > 1.5
     assert abs(length(frames, wheels) - ENDS) < 0.4
 
@@ -67,5 +68,5 @@ def test_no_more_of_a_log_is_tracked_twice_than_shows_its_scale() -> None:
     rest = frames[int(ENDS / STEP) :]
     left = iter(rest)
     wheels = calibrated_wheels(batches(left, 16), Config())
-    assert abs((1.0 + wheels[2]) * 0.94 - 1.0) < 0.02
+    assert abs((1.0 + wheels[SYSTEMATIC][0]) * 0.94 - 1.0) < 0.02
     assert len(list(left)) > 0.3 * len(rest)

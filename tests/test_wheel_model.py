@@ -8,7 +8,17 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.kernels.laser_motion import innovation, robust_ratio
-from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, reckoned_variances
+from mapmyworld.kernels.wheel_model import (
+    CERTAINTY,
+    MOUNT,
+    NOISE,
+    POSE,
+    anchor,
+    learn,
+    new_wheels,
+    reckon,
+    reckoned_variances,
+)
 
 STEP = np.array([0.15, 0.0, 0.0])
 SEEN = np.diag([1e6, 1e6, 1e7])  # information of a good match
@@ -19,7 +29,7 @@ def _seen(wheels: NDArray[np.float64], rotation: float) -> None:
     anchor(wheels, np.zeros(3))
     reckon(wheels, np.array([STEP[0], 0.0, rotation]))
     variances = reckoned_variances(wheels)
-    learn(wheels, innovation(wheels[8:11], STEP, SEEN, variances), False)
+    learn(wheels, innovation(wheels[POSE], STEP, SEEN, variances), False)
 
 
 def test_wheels_that_slip_teach_no_more_than_the_largest_error() -> None:
@@ -45,7 +55,7 @@ def test_noise_of_wheels_is_no_rotation_that_they_measure_wrong() -> None:
         anchor(wheels, np.zeros(3))
         reckon(wheels, reached + np.array([0.0, 0.0, random.normal(0.0, 0.03)]))
         variances = reckoned_variances(wheels)
-        seen = innovation(wheels[8:11], reached, SEEN, variances)
+        seen = innovation(wheels[POSE], reached, SEEN, variances)
         learn(wheels, seen, False)
     assert abs(wheels[7]) < 3.0 * np.sqrt(wheels[-1])
     assert np.sqrt(wheels[-1]) < 0.025
@@ -62,8 +72,8 @@ def test_a_laser_that_is_not_where_the_log_says_is_found_by_how_it_moves() -> No
         reached = between_planar(off, compose_planar(step, off))
         anchor(wheels, np.zeros(3))
         reckon(wheels, step + random.normal(0.0, [0.005, 0.005, 0.005]))
-        learn(wheels, innovation(wheels[8:11], reached, SEEN, reckoned_variances(wheels)), False)
-    turned, ahead, aside = wheels[3:6]
+        learn(wheels, innovation(wheels[POSE], reached, SEEN, reckoned_variances(wheels)), False)
+    turned, ahead, aside = wheels[MOUNT]
     np.testing.assert_allclose([ahead, aside, turned], off, atol=0.006)
 
 
@@ -71,13 +81,13 @@ def test_noise_adds_up_with_the_path_and_a_wrong_scale_with_its_square() -> None
     """Four times the way without a keyframe is twice as uncertain, not four times."""
     once, often = new_wheels(), new_wheels()
     for wheels, steps in ((once, 20), (often, 80)):
-        wheels[:2], wheels[16:] = 1e-3, 0.0
+        wheels[NOISE], wheels[CERTAINTY] = 1e-3, 0.0
         for _ in range(steps):
             reckon(wheels, STEP)
     ratio = reckoned_variances(often) / reckoned_variances(once)
     np.testing.assert_allclose(ratio, 4.0, rtol=0.05)
     for wheels in (once, often):
-        wheels[:2], wheels[16:] = 1e-9, np.diag([1e-3, 1e-3, 0.0, 0.0, 1e-3, 0.0]).ravel()
+        wheels[NOISE], wheels[CERTAINTY] = 1e-9, np.diag([1e-3, 1e-3, 0.0, 0.0, 1e-3, 0.0]).ravel()
     ratio = reckoned_variances(often) / reckoned_variances(once)
     np.testing.assert_allclose(ratio, 16.0, rtol=0.05)
 
@@ -94,7 +104,7 @@ def test_noise_that_is_learnt_is_what_wheels_have_however_far_keyframes_lie() ->
             reckon(wheels, reached + random.normal(0.0, sigmas))
             variances = reckoned_variances(wheels)
             stated.append(variances / sigmas**2)
-            learn(wheels, innovation(wheels[8:11], reached, SEEN, variances), False)
+            learn(wheels, innovation(wheels[POSE], reached, SEEN, variances), False)
         np.testing.assert_allclose(np.median(stated[200:], axis=0), 1.0, rtol=0.2)
 
 

@@ -6,15 +6,7 @@ wheelbase). A laser that is not where the log says moves otherwise than the whee
 where the robot turns, and askew where it drives (Censi, Franchi, Marchionni and Oriolo,
 "Simultaneous calibration of odometry and sensor parameters for mobile robots", 2013). Scan matching
 shows them: what a match adds to the odometry since the last keyframe is an innovation, and each is
-one sample. The model is an array (52,) that kernels read and write:
-
-  0-1    noise of position [m^2 per m] and heading [rad^2 per rad]: see `random_variances`
-  2-7    scale [m per m]; laser turned [rad], ahead and aside [m] of where the log says; heading by
-         distance [rad per m] and by rotation [rad per rad]
-  8-10   pose by odometry, from that of the last keyframe
-  11-13  pose of that keyframe
-  14-15  since that keyframe: path [m], rotation [rad], both without sign
-  16-51  covariance (6, 6) of the errors
+one sample. The model is an array (52,) that kernels read and write, of these parts.
 """
 
 from __future__ import annotations
@@ -24,6 +16,22 @@ import numpy as np
 from mapmyworld.geometry import Array
 from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.kernels.laser_motion import between_poses, wrapped
+
+NOISE = slice(0, 2)
+"""Of position [m^2 per m] and heading [rad^2 per rad]: see `random_variances`."""
+SYSTEMATIC = slice(2, 8)
+"""Scale [m per m]; laser turned [rad], ahead and aside [m] of where the log says; heading by
+distance [rad per m] and by rotation [rad per rad]."""
+MOUNT = slice(3, 6)
+"""Those of the laser."""
+POSE = slice(8, 11)
+"""By odometry, from that of the last keyframe."""
+KEYFRAME = slice(11, 14)
+"""Pose of that keyframe."""
+TRAVELLED = slice(14, 16)
+"""Since that keyframe: path [m], rotation [rad], both without sign."""
+CERTAINTY = slice(16, 52)
+"""Covariance (6, 6) of the systematic errors."""
 
 FIRST_NOISE = 0.01  # m^2 per m and rad^2 per rad, of wheels nobody calibrated
 FIRST_SIGMAS = (0.03, 0.01, 0.02, 0.02, 0.015, 0.03)  # of the systematic errors of the same
@@ -39,8 +47,8 @@ MOVES = 0.01  # m and rad from which a robot moves, and not only its measurement
 
 def new_wheels() -> Array:
     """A model (52,) of wheels about which nothing is known yet."""
-    wheels = np.zeros(16 + ERRORS * ERRORS)
-    wheels[:2], wheels[16:] = FIRST_NOISE, np.diag(np.square(FIRST_SIGMAS)).ravel()
+    wheels = np.zeros(CERTAINTY.stop)
+    wheels[NOISE], wheels[CERTAINTY] = FIRST_NOISE, np.diag(np.square(FIRST_SIGMAS)).ravel()
     return wheels
 
 
@@ -77,7 +85,7 @@ def reckon(wheels: Array, step: Array) -> None:
 def lengthen(wheels: Array, step: Array, way: Array) -> None:
     """A recorded step (3,) of the model (52,) was such a way (2,), m and rad, or its own length."""
     taken = np.array([np.hypot(step[0], step[1]), abs(step[2])])
-    wheels[14:16] += np.maximum(way - taken, 0.0)
+    wheels[TRAVELLED] += np.maximum(way - taken, 0.0)
 
 
 @jit

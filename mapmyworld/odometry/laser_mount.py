@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.geometry import Array
-from mapmyworld.kernels.wheel_model import ERRORS
+from mapmyworld.kernels.wheel_model import CERTAINTY, ERRORS, MOUNT
 
 _WORTH_A_WORD = np.array([np.radians(1.0), 0.05, 0.05])  # rad, m and m by which a mount may be off
 _SURE = 5.0  # sigmas
@@ -13,7 +13,7 @@ _SURE = 5.0  # sigmas
 
 def notes(wheels: Array) -> tuple[str, ...]:
     """One line where a model (52,) of the odometry is sure that the laser sits elsewhere."""
-    off, sigmas = wheels[3:6], np.sqrt(np.diag(wheels[16:].reshape(ERRORS, ERRORS)))[1:4]
+    off, sigmas = wheels[MOUNT], np.sqrt(np.diag(wheels[CERTAINTY].reshape(ERRORS, ERRORS)))[1:4]
     if (np.abs(off) <= np.maximum(_WORTH_A_WORD, _SURE * sigmas)).all():
         return ()
     turned, ahead, aside = np.degrees(off[0]), off[1], off[2]

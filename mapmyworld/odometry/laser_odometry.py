@@ -20,6 +20,8 @@ from mapmyworld.kernels.laser_motion import (
 from mapmyworld.kernels.scan_tracking import explains, learn_overlap, track_scans
 from mapmyworld.kernels.step_model import any_step, learn_change, new_steps, next_variances
 from mapmyworld.kernels.wheel_model import (
+    POSE,
+    TRAVELLED,
     anchor,
     learn,
     lengthen,
@@ -263,7 +265,7 @@ class LaserTracker:
         variances = np.asarray(reckoned_variances(wheels))
         fault = (1.0 + self._faults.total()) / (1.0 / FAULT + self._compared)
         fits = float(np.log(self._close_looks[1] / self._close_looks[0]))
-        return Prior(wheels[8:11].copy(), variances, True, variances, fault, fits)
+        return Prior(wheels[POSE].copy(), variances, True, variances, fault, fits)
 
     def _unmatched(
         self, frame: Frame, scan: PreparedScan, prior: Prior, grown: Array, overlap: float
@@ -276,7 +278,7 @@ class LaserTracker:
         as nothing else can have become of it.
         """
         is_first = self._time.is_placed
-        path, rotation = self._wheels[14:16]
+        path, rotation = self._wheels[TRAVELLED]
         far = path > self._odometry.search_distance or rotation > self._odometry.search_angle
         changed = prior.has_odometry and far
         refuted = False

@@ -14,6 +14,7 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.decisions import decided
 from mapmyworld.geometry import Array
+from mapmyworld.kernels.wheel_model import CERTAINTY, NOISE, SYSTEMATIC
 from mapmyworld.odometry.laser_odometry import LaserTracker
 from mapmyworld.types import Frame
 
@@ -32,16 +33,18 @@ def calibrated_wheels(groups: Iterable[list[Frame]], config: Config) -> Array:
     for frames in groups:
         tracker.track_all(frames)
         count += len(frames)
-        noise.append(tracker.wheels[:2])
-        if _PATH * tracker.wheels[16] <= float(np.median(noise, axis=0)[0]):
+        noise.append(tracker.wheels[NOISE])
+        of_scale, of_position = tracker.wheels[CERTAINTY][0], np.median(noise, axis=0)[0]
+        if _PATH * of_scale <= of_position:
             break
     wheels = tracker.wheels
     if noise:
-        wheels[:2] = np.median(noise, axis=0)
+        wheels[NOISE] = np.median(noise, axis=0)
+    scale, turned, ahead, aside, by_metre, by_radian = wheels[SYSTEMATIC].tolist()
     decided(
         "calibrate",
-        f"odometry by {count} frames: scale {wheels[2]:+.4f}, "
-        f"laser {np.degrees(wheels[3]):+.2f} deg, {wheels[4]:+.3f} m, {wheels[5]:+.3f} m off, "
-        f"heading {np.degrees(wheels[6]):+.2f} deg per m and {wheels[7]:+.4f} per rad",
+        f"odometry by {count} frames: scale {scale:+.4f}, "
+        f"laser {np.degrees(turned):+.2f} deg, {ahead:+.3f} m, {aside:+.3f} m off, "
+        f"heading {np.degrees(by_metre):+.2f} deg per m and {by_radian:+.4f} per rad",
     )
     return wheels

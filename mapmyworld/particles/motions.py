@@ -18,7 +18,7 @@ import numpy as np
 from mapmyworld.config import OdometryConfig
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, wrap_angle
-from mapmyworld.kernels.wheel_model import anchor, random_variances, reckon
+from mapmyworld.kernels.wheel_model import POSE, TRAVELLED, anchor, random_variances, reckon
 
 _MEDIANS = np.array([2.0 * np.log(2.0), 0.4549])
 """Of the chi-squared distributions of two degrees of freedom, x and y, and of one, yaw."""
@@ -102,7 +102,7 @@ def _reckoned(steps: Array, wheels: Array) -> Array:
     anchor(wheels, np.zeros(3))
     for step in steps:
         reckon(wheels, step)
-    return np.append(wheels[8:11], wheels[14:16])
+    return np.append(wheels[POSE], wheels[TRAVELLED])
 
 
 def _variances(reckoned: Array, miss: Array) -> Array:

@@ -19,7 +19,7 @@ from mapmyworld.kernels.laser_motion import (
 from mapmyworld.kernels.planar_algebra import invert3
 from mapmyworld.kernels.scan_alignment import Rows, align
 from mapmyworld.kernels.step_model import learn_step, next_variances
-from mapmyworld.kernels.wheel_model import anchor, learn, reckon, reckoned_variances
+from mapmyworld.kernels.wheel_model import POSE, anchor, learn, reckon, reckoned_variances
 
 _MEMORY = 0.95  # weight of the past in the running mean of disagreements
 _LARGEST = 9.0  # that one overlap may teach, times its variance
@@ -226,8 +226,7 @@ def track_scans(
         if has_odometry:
             before = wheels.copy()
             reckon(wheels, recorded[k])
-            for i in range(3):
-                predicted[i] = wheels[8 + i]
+            predicted[:] = wheels[POSE]
             variances = reckoned_variances(wheels)
         else:
             before = wheels
@@ -247,8 +246,7 @@ def track_scans(
             pose[i] = found[i]
         innovations = innovation(predicted, pose, information, variances)
         if innovations[6] > settings[3] or not explains(state, found[9], settings, has_odometry):
-            for i in range(8, 16):
-                wheels[i] = before[i]
+            wheels[:] = before
             return k
         moved = between_poses(state, pose)
         out[k, 6] = 1.0 if is_degenerate(information) else 0.0

@@ -68,18 +68,19 @@ def error_jacobians(motions: Array, turned: Array) -> Array:
 @jit
 def reckon(wheels: Array, step: Array) -> None:
     """One more recorded step (3,) in the model (52,), its systematic errors corrected."""
-    yaw = step[2] + wheels[6] * step[0] + wheels[7] * step[2]
+    errors, pose, travelled = wheels[SYSTEMATIC], wheels[POSE], wheels[TRAVELLED]
+    yaw = step[2] + errors[4] * step[0] + errors[5] * step[2]
     rows = error_jacobians(step.reshape(1, 3), np.array([yaw]))[0]
     x, y = step[0], step[1]
     for k in range(4):
-        x += rows[0, k] * wheels[2 + k]
-        y += rows[1, k] * wheels[2 + k]
-    c, s = np.cos(wheels[10]), np.sin(wheels[10])
-    wheels[8] += c * x - s * y
-    wheels[9] += s * x + c * y
-    wheels[10] = wrapped(wheels[10] + yaw)
-    wheels[14] += np.hypot(step[0], step[1])
-    wheels[15] += abs(step[2])
+        x += rows[0, k] * errors[k]
+        y += rows[1, k] * errors[k]
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    pose[0] += c * x - s * y
+    pose[1] += s * x + c * y
+    pose[2] = wrapped(pose[2] + yaw)
+    travelled[0] += np.hypot(step[0], step[1])
+    travelled[1] += abs(step[2])
 
 
 def lengthen(wheels: Array, step: Array, way: Array) -> None:
@@ -91,9 +92,9 @@ def lengthen(wheels: Array, step: Array, way: Array) -> None:
 @jit
 def anchor(wheels: Array, pose: Array) -> None:
     """Odometry of the model (52,) counts anew from a pose (3,)."""
-    for i in range(3):
-        wheels[8 + i] = wheels[11 + i] = pose[i]
-    wheels[14] = wheels[15] = 0.0
+    wheels[POSE] = pose
+    wheels[KEYFRAME] = pose
+    wheels[TRAVELLED] = 0.0
 
 
 @jit
@@ -103,8 +104,8 @@ def reckoned_variances(wheels: Array) -> Array:
     Noise adds up step by step, and its variance with the path; what is systematic errs by the same
     in every step, and its sigma grows with the path.
     """
-    variances = random_variances(wheels[:2], wheels[14], wheels[15])
-    rows, known = _jacobian_here(wheels), wheels[16:].reshape(ERRORS, ERRORS)
+    variances = random_variances(wheels[NOISE], wheels[TRAVELLED])
+    rows, known = _jacobian_here(wheels), wheels[CERTAINTY].reshape(ERRORS, ERRORS)
     for axis in range(3):
         for i in range(ERRORS):
             for j in range(ERRORS):
@@ -115,7 +116,7 @@ def reckoned_variances(wheels: Array) -> Array:
 @inner_jit
 def _jacobian_here(wheels: Array) -> Array:
     """(3, 6) of the motion since the last keyframe, in the frame of its end, as innovations are."""
-    moved = between_poses(wheels[11:14], wheels[8:11])
+    moved = between_poses(wheels[KEYFRAME], wheels[POSE])
     rows: Array = error_jacobians(moved.reshape(1, 3), moved[2:])[0]
     c, s = np.cos(moved[2]), np.sin(moved[2])
     for k in range(ERRORS):
@@ -125,11 +126,12 @@ def _jacobian_here(wheels: Array) -> Array:
 
 
 @jit
-def random_variances(noise: Array, path: float, rotation: float) -> Array:
-    """Variances (3,), m^2 and rad^2, of `noise` (2,) over a path, m, and rotation, rad.
+def random_variances(noise: Array, travelled: Array) -> Array:
+    """Variances (3,), m^2 and rad^2, of `noise` (2,) over a way (2,): path, m, and rotation, rad.
 
     Position counts a radian as some metres, and heading a metre as some radians.
     """
+    path, rotation = travelled[0], travelled[1]
     position = noise[0] * (path + METRES_PER_RADIAN * rotation) + _FLOOR * _FLOOR
     heading = noise[1] * (rotation + RADIANS_PER_METRE * path) + 0.25 * _FLOOR * _FLOOR
     return np.array([position, position, heading])
@@ -144,9 +146,9 @@ def learn(wheels: Array, found: Array, is_open: bool) -> None:
     the noise of its normals. Straight on it shows no error by rotation: what was recorded there is
     noise, all of it an error, and so is what was matched.
     """
-    if wheels[14] < MOVES and wheels[15] < MOVES:
+    if wheels[TRAVELLED].max() < MOVES:
         return
-    once = random_variances(np.ones(2), wheels[14], wheels[15])
+    once = random_variances(np.ones(2), wheels[TRAVELLED])
     weight = min(1.0, OUTLIER / max(found[6], 1e-9))  # a fault: as the largest that is none
     _learn_noise(wheels, 0, 0.5 * (found[0] * found[0] + found[1] * found[1]) / once[0] * weight)
     _learn_noise(wheels, 1, found[2] * found[2] / once[2] * weight)
@@ -162,15 +164,16 @@ def _learn_noise(wheels: Array, k: int, sample: float) -> None:
 @inner_jit
 def _learn_systematic(wheels: Array, found: Array, is_open: bool) -> None:
     """A Kalman filter: the innovation's axes, one after the other."""
-    rows, known = _jacobian_here(wheels), wheels[16:].reshape(ERRORS, ERRORS)
-    noise = random_variances(wheels[:2], wheels[14], wheels[15])
+    rows, known = _jacobian_here(wheels), wheels[CERTAINTY].reshape(ERRORS, ERRORS)
+    noise, travelled = wheels[NOISE], wheels[TRAVELLED]
+    random = random_variances(noise, travelled)
     rotation = rows[2, 5] + found[2]
-    straight = random_variances(wheels[:2], wheels[14], 0.0)
+    straight = random_variances(noise, np.array([travelled[0], 0.0]))
     is_straight = rotation * rotation <= _SHOWS * (straight[2] + found[5])
     rows[2, 5] = 0.0 if is_straight else rotation
     change = np.zeros(ERRORS)
     for axis in range(2 if is_open else 0, 3):
-        missed, variance, pull = found[axis], noise[axis] + found[3 + axis], np.zeros(ERRORS)
+        missed, variance, pull = found[axis], random[axis] + found[3 + axis], np.zeros(ERRORS)
         for i in range(ERRORS):
             for j in range(ERRORS):
                 pull[i] += known[i, j] * rows[axis, j]
@@ -181,5 +184,4 @@ def _learn_systematic(wheels: Array, found: Array, is_open: bool) -> None:
             change[i] += pull[i] / variance * missed
             for j in range(ERRORS):
                 known[i, j] -= pull[i] * pull[j] / variance
-    for i in range(ERRORS):
-        wheels[2 + i] += change[i]
+    wheels[SYSTEMATIC] += change

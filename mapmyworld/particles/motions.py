@@ -119,5 +119,5 @@ def _variances(reckoned: Array, miss: Array) -> Array:
 
 def _of_noise(noise: Array, reckoned: Array) -> Array:
     """Variances (K, 3) that noise (2,) adds up to in the motions `reckoned` (K, 5)."""
-    every = [random_variances(noise, path, rotation) for path, rotation in reckoned[:, 3:]]
+    every = [random_variances(noise, way) for way in reckoned[:, 3:]]
     return np.reshape(every, (-1, 3))

@@ -226,7 +226,9 @@ def track_scans(
         if has_odometry:
             before = wheels.copy()
             reckon(wheels, recorded[k])
-            predicted[:] = wheels[POSE]
+            reckoned = wheels[POSE]
+            for i in range(3):
+                predicted[i] = reckoned[i]
             variances = reckoned_variances(wheels)
         else:
             before = wheels
@@ -246,7 +248,8 @@ def track_scans(
             pose[i] = found[i]
         innovations = innovation(predicted, pose, information, variances)
         if innovations[6] > settings[3] or not explains(state, found[9], settings, has_odometry):
-            wheels[:] = before
+            for i in range(len(wheels)):
+                wheels[i] = before[i]
             return k
         moved = between_poses(state, pose)
         out[k, 6] = 1.0 if is_degenerate(information) else 0.0

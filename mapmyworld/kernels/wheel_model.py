@@ -92,9 +92,10 @@ def lengthen(wheels: Array, step: Array, way: Array) -> None:
 @jit
 def anchor(wheels: Array, pose: Array) -> None:
     """Odometry of the model (52,) counts anew from a pose (3,)."""
-    wheels[POSE] = pose
-    wheels[KEYFRAME] = pose
-    wheels[TRAVELLED] = 0.0
+    here, keyframe, travelled = wheels[POSE], wheels[KEYFRAME], wheels[TRAVELLED]
+    for i in range(3):
+        here[i] = keyframe[i] = pose[i]
+    travelled[0] = travelled[1] = 0.0
 
 
 @jit
@@ -184,4 +185,6 @@ def _learn_systematic(wheels: Array, found: Array, is_open: bool) -> None:
             change[i] += pull[i] / variance * missed
             for j in range(ERRORS):
                 known[i, j] -= pull[i] * pull[j] / variance
-    wheels[SYSTEMATIC] += change
+    errors = wheels[SYSTEMATIC]
+    for i in range(ERRORS):
+        errors[i] += change[i]

@@ -1,4 +1,4 @@
-"""Odometry that stands still and catches up, or is reset."""
+"""Odometry that stands still and catches up, is reset, or loses some way."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.motion import RecordedMotion
-from mapmyworld.sensing.stalls import without_resets, without_stalls
+from mapmyworld.sensing.stalls import without_losses, without_resets, without_stalls
 
 
 def drive(stalled: slice) -> tuple[RecordedMotion, np.ndarray]:
@@ -120,3 +120,49 @@ def test_an_estimate_of_stalls_is_kept_beside_resets() -> None:
     found, count = without_resets(without)
     assert count == 1
     assert found.is_interpolated(int(motion.stamps_ns[85]))
+
+
+def silent(metres: float, speed: float, burst: int = 0) -> tuple[RecordedMotion, np.ndarray]:
+    """A curve at 85 Hz, silent for 0.4 s; what it shows of that is so many `metres`.
+
+    The last `burst` messages of the silence come at its end, all at once. And the true poses.
+    """
+    seconds = np.arange(1700) / 85.0
+    moved = planar_to_matrix(np.array([[speed / 85.0, 0.0, 0.004]]))[0]
+    poses = np.stack([np.linalg.matrix_power(moved, k) for k in range(1700)])
+    stamps = np.round(1e9 * seconds).astype(np.int64)
+    shown = poses.copy()
+    at_end = planar_to_matrix(np.array([[metres, 0.0, 0.0]]))[0]
+    shown[834 - burst :] = poses[800] @ at_end @ between(poses[834 - burst], poses[834 - burst :])
+    stamps[834 - burst : 834] = stamps[834]
+    kept = np.r_[:801, 834 - burst : 1700]
+    return RecordedMotion(stamps[kept], shown[kept, :3]), poses[kept]
+
+
+@pytest.mark.parametrize("burst", [0, 6])
+def test_way_that_was_lost_in_a_silence_is_filled_in(burst: int) -> None:
+    motion, poses = silent(0.03, 3.0, burst)
+    found, count = without_losses(motion)
+    assert count == 1
+    assert np.allclose(found.poses_at(slice(None))[-1], poses[-1], atol=0.02)
+    assert [motion.is_interpolated(int(t)) for t in found.stamps_ns] == [False] * len(poses)
+    shown = np.flatnonzero([found.is_interpolated(int(t)) for t in found.stamps_ns])
+    assert shown[0] == 801
+    assert found.stamps_ns[shown[-1]] <= found.stamps_ns[801] + 20_000_000
+
+
+def test_a_silence_through_which_way_was_counted_is_left_alone() -> None:
+    motion, _ = silent(1.2, 3.0)
+    assert without_losses(motion)[1] == 0
+
+
+def test_a_robot_that_can_have_stopped_meanwhile_is_left_alone() -> None:
+    """At half a metre per second tyres stop it, and get it going again, in a tenth of a second."""
+    motion, _ = silent(0.03, 0.5)
+    assert without_losses(motion)[1] == 0
+
+
+def test_odometry_that_comes_in_bursts_has_no_silences() -> None:
+    poses = planar_to_matrix(np.stack([0.03 * np.arange(2000.0), *np.zeros((2, 2000))], axis=1))
+    stamps = (np.arange(2000, dtype=np.int64) // 200 + 1) * 2_000_000_000
+    assert without_losses(RecordedMotion(stamps, poses[:, :3]))[1] == 0

@@ -11,7 +11,7 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.plan import Draft, ImuSource, OdometrySource, ScanSource
 from mapmyworld.sensing.plan_base import BASES, ODOMS, WORLDS
-from mapmyworld.sensing.stalls import without_resets, without_stalls
+from mapmyworld.sensing.stalls import without_losses, without_resets, without_stalls
 from mapmyworld.sensing.transforms import frame_name, is_called
 from mapmyworld.types import ImuMessage, MessageKind
 
@@ -59,6 +59,12 @@ def choose_odometry(draft: Draft, base: str) -> OdometrySource | None:
         draft.warnings.append(
             f"{best.name} jumps farther than the robot can drive, {resets} times, as if it were "
             "reset: continued from the pose before each jump"
+        )
+    motion, losses = without_losses(motion)
+    if losses:
+        draft.warnings.append(
+            f"{best.name} is silent while the robot drives, and goes on as if it had stood, "
+            f"{losses} times: interpolated"
         )
     return replace(best, motion=motion)
 

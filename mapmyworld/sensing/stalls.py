@@ -1,4 +1,4 @@
-"""Odometry that stands still and then catches up in one step, or is reset."""
+"""Odometry that stands still and then catches up in one step, is reset, or loses some way."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from mapmyworld.sensing.motion import RecordedMotion
 _FASTEST = 0.99  # quantile of the log's own speeds that a reset exceeds by far
 _SLOW = 0.25  # quantile of the same that is a slow one
 _FEWEST = 50  # steps from which speeds are known
+_GRAVITY = 9.81  # m/s^2
 _RESET = 5.0, 10.0  # m, and times its own speed, that no robot goes from one pose to the next
 
 
@@ -78,3 +79,41 @@ def without_resets(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
     interpolated = np.zeros(len(poses), np.bool_)
     interpolated[resets] = True
     return motion.with_poses(continued, interpolated), len(resets)
+
+
+def without_losses(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
+    """The motion with what was lost in silences filled in, and how many silences lost some.
+
+    A computer that hangs misses what its wheels report. Motion is lost where the robot drove before
+    and after the silence, and would have had to brake harder for its little way than tyres hold.
+    It goes on there as before and after, and the poses that follow continue from that.
+    """
+    if len(motion) < _FEWEST or not motion.is_sorted:
+        return motion, 0
+    poses, stamps = motion.poses_at(slice(None)), motion.stamps_ns
+    intervals = np.diff(stamps)
+    late = np.quantile(intervals, _FASTEST)
+    begins = np.flatnonzero(intervals > late)
+    # What had to wait comes at once, after the silence.
+    ends = stamps.searchsorted(stamps[begins + 1] + round(intervals.mean()), "right") - 1
+    silence = stamps[ends] - stamps[begins]
+    way = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).cumsum()
+    way = np.concatenate([[0.0], way])
+    before = way[begins] - np.interp(stamps[begins] - silence, stamps, way)
+    after = np.interp(stamps[ends] + silence, stamps, way) - way[ends]
+    driven = np.minimum(before, after)
+    braking = _GRAVITY * (0.5e-9 * silence) ** 2  # at most, to a stand and up again
+    lost = driven - (way[ends] - way[begins]) > braking + driven * late / silence
+    continued, interpolated = poses.copy(), np.zeros(len(poses), np.bool_)
+    for begin, end, lasts in zip(begins[lost], ends[lost], silence[lost], strict=True):
+        around = motion.at_many(np.array([stamps[begin] - lasts, stamps[end] + lasts]))
+        if around is None:
+            continue
+        step = interpolate(between(around[0], poses[begin]), between(poses[end], around[1]), 0.5)
+        inside = slice(begin + 1, end + 1)
+        share = (stamps[inside] - stamps[begin]) / lasts
+        continued[end:] = continued[begin] @ step @ between(poses[end], poses[end:])
+        continued[inside] = interpolate(continued[begin], continued[end], share)
+        interpolated[inside] = True
+    found = int(np.count_nonzero(interpolated[begins + 1]))
+    return motion.with_poses(continued, interpolated), found

@@ -47,6 +47,21 @@ def test_scan_odometry_base_and_mount_are_found() -> None:
     assert not plan.losses
 
 
+def test_odometry_that_never_moves_is_left_out() -> None:
+    """Wheels that are not connected: as if the log had no odometry, and another topic is taken."""
+    still = [
+        ("/odom", odometry_at(i * STEP_NS + 1, (1.0, 2.0, 0.3)), i * STEP_NS + 1) for i in range(10)
+    ]
+    scans = [entry for entry in with_mount(drive()) if entry[0] != "/odom"]
+    plan = plan_of([*scans, *still])
+    assert plan.odometry is None
+    assert "/odom says that the robot never moved: left out" in plan.warnings
+    moving = [("/wheels", m, t) for topic, m, t in drive() if topic == "/odom"]
+    plan = plan_of([*scans, *still, *moving])
+    assert plan.odometry is not None
+    assert plan.odometry.name == "/wheels"
+
+
 def test_leading_slashes_and_a_localiser_are_seen_and_survived() -> None:
     entries: Entries = [("/tf", transform("/base_link", "/laser", (0.1, 0, 0), static=False), 0)]
     for i in range(10):

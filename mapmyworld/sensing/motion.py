@@ -119,6 +119,11 @@ class RecordedMotion:
         after = min(int(self.stamps_ns.searchsorted(stamp_ns, "left")), len(self) - 1)
         return bool(self._interpolated[before] or self._interpolated[after])
 
+    @cached_property
+    def moves(self) -> bool:
+        """Whether two of its poses differ."""
+        return bool((self._values != self._values[:1]).any())
+
     def distance(self) -> float:
         """Metres from pose to pose, in the order in which they are."""
         return float(np.linalg.norm(np.diff(self._values[:, :, 3], axis=0), axis=1).sum())

@@ -28,11 +28,11 @@ def choose_odometry(draft: Draft, base: str) -> OdometrySource | None:
     if wanted == "none":
         draft.decide("odometry", "", "switched off by sensing.odometry_topic")
         return None
-    candidates = _candidates(draft, base)
+    candidates = every = _candidates(draft, base)
     if wanted:
-        candidates = [c for c in candidates if wanted in {c[1].name, c[1].name.split()[0]}]
+        candidates = [c for c in every if wanted in {c[1].name, c[1].name.split()[0]}]
         if not candidates:
-            found = ", ".join(sorted(c[1].name for c in _candidates(draft, base))) or "none"
+            found = ", ".join(sorted(c[1].name for c in every)) or "none"
             raise ConfigError(
                 f"sensing.odometry_topic = {wanted!r} reports no motion of {base}; "
                 f"topics that do: {found}. Name the right one, or omit the setting"
@@ -95,7 +95,9 @@ def _candidates(draft: Draft, base: str) -> list[tuple[float, OdometrySource, st
         source = OdometrySource(f"tf {edge.parent} -> {base}", edge.motion)
         score = 3.0 if is_called(edge.parent, ODOMS) else 1.5
         found.append((score, source, f"{len(edge.motion)} transforms"))
-    return [item for item in found if len(item[1].motion) > 1]
+    still = [source.name for _, source, _ in found if not source.motion.moves]
+    draft.warnings += [f"{name} says that the robot never moved: left out" for name in still]
+    return [item for item in found if item[1].motion.moves]
 
 
 def _share_with_scans(draft: Draft, motion: RecordedMotion) -> float:

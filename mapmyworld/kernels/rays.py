@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.kernels.compiling import inner_jit, jit
 
-_Ray = tuple[int, int, int, int, float, float, float, float, int]
+Ray = tuple[int, int, int, int, float, float, float, float, int]
 
 
 @jit
@@ -55,10 +55,10 @@ def clear_passed(
     """
     for s in range(len(starts)):
         for k in range(bounds[s], bounds[s + 1]):
-            ray = _ray(starts[s, 0], starts[s, 1], ends[k, 0], ends[k, 1])
+            ray = ray_of(starts[s, 0], starts[s, 1], ends[k, 0], ends[k, 1])
             while ray[8] > 0:
                 cells[ray[1], ray[0]] = 0
-                ray = _onward(ray)
+                ray = onward(ray)
 
 
 @inner_jit
@@ -71,23 +71,23 @@ def _pass_through(
     x1: float,
     y1: float,
 ) -> None:
-    ray = _ray(x0, y0, x1, y1)
+    ray = ray_of(x0, y0, x1, y1)
     while ray[8] > 0:
         column, row = ray[0], ray[1]
         if marks[row, column] != mark:
             marks[row, column] = mark
             if counts[row, column, 1] < 65535:
                 counts[row, column, 1] += 1
-        ray = _onward(ray)
+        ray = onward(ray)
 
 
 @inner_jit
-def _ray(x0: float, y0: float, x1: float, y1: float) -> _Ray:
+def ray_of(x0: float, y0: float, x1: float, y1: float) -> Ray:
     """Where a ray is: its cell (column and row), the steps to the next ones, the share of it at
     which it next crosses a vertical and a horizontal line of the lattice, and by how much these
     grow; and how many cells it still passes. Here in its first cell.
     """
-    column, row = int(x0), int(y0)
+    column, row = math.floor(x0), math.floor(y0)
     dx, dy = x1 - x0, y1 - y0
     step_x = 1 if dx > 0 else -1
     step_y = 1 if dy > 0 else -1
@@ -95,12 +95,13 @@ def _ray(x0: float, y0: float, x1: float, y1: float) -> _Ray:
     next_y = math.inf if dy == 0 else ((row + (step_y > 0)) - y0) / dy
     grow_x = math.inf if dx == 0 else step_x / dx
     grow_y = math.inf if dy == 0 else step_y / dy
-    left = abs(int(x1) - column) + abs(int(y1) - row)
+    left = abs(math.floor(x1) - column) + abs(math.floor(y1) - row)
     return column, row, step_x, step_y, next_x, next_y, grow_x, grow_y, left
 
 
 @inner_jit
-def _onward(ray: _Ray) -> _Ray:
+def onward(ray: Ray) -> Ray:
+    """The ray in its next cell."""
     column, row, step_x, step_y, next_x, next_y, grow_x, grow_y, left = ray
     if next_x < next_y:
         column, next_x = column + step_x, next_x + grow_x

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry.planar import transform_points_planar
+from mapmyworld.kernels.rays import clear_passed
 from mapmyworld.parallel import run_in_chunks
 from mapmyworld.particles.kernels import insertion
 from mapmyworld.particles.kernels.surface_tiles import TILE, Beams, Surfaces
@@ -35,10 +37,7 @@ class TileMaps:
         """Adds a scan to every particle's map at its own pose (P, 3)."""
         self._make_room(poses, _reach(beams))
         maps = self.surfaces
-        touched = np.zeros(maps.tables.shape, np.bool_)
-        place = maps.tables, beams, poses, maps.base, maps.resolution, touched
-        run_in_chunks(lambda a, b: insertion.touched_tiles(a, b, *place), len(poses), self.threads)
-        self._make_own(touched)
+        self._make_own(_touched(maps, beams, poses))
         given = beams, poses, self._owners
         run_in_chunks(lambda a, b: insertion.insert(maps, a, b, *given), len(poses), self.threads)
 
@@ -93,6 +92,24 @@ class TileMaps:
             y, x = base - before
             wider[:, y : y + size[0], x : x + size[1]] = tables
         self.surfaces = maps._replace(tables=wider, base=before)
+
+
+def _touched(maps: Surfaces, beams: Beams, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(P, H, W) tiles that a scan changes, seen from `poses` (P, 3).
+
+    Those in which beams end, and of those that are only crossed the ones that already hold
+    something: free space alone is nothing to match with.
+    """
+    side, corner = TILE * maps.resolution, maps.base[::-1]
+    starts = transform_points_planar(poses, beams.origin[None]) / side - corner
+    ends = transform_points_planar(poses, beams.points) / side - corner
+    untouched, bounds = np.ones(maps.tables.shape, np.uint8), np.array([0, len(beams.points)])
+    for tiles, start, end in zip(untouched, starts, ends, strict=True):
+        clear_passed(tiles, start, end, bounds)
+    touched: NDArray[np.bool_] = (untouched == 0) & (maps.tables != _EMPTY)
+    columns, rows = ends.astype(np.int64).T
+    touched[np.arange(len(poses)), rows, columns] = True
+    return touched
 
 
 def _reach(beams: Beams) -> float:

@@ -16,7 +16,6 @@ from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.kernels.image_matching import match_all
 from mapmyworld.places.appearance import find_candidates
 from mapmyworld.places.visual_closures import find_visual_closures
-from mapmyworld.places.vocabulary import train_vocabulary
 from mapmyworld.registration.features import extract_features, spread
 from mapmyworld.registration.image_pairs import register_images
 from mapmyworld.registration.views import make_view
@@ -71,21 +70,6 @@ def test_features_are_spread_over_the_image_and_stay_within_the_limit() -> None:
     chosen = spread(pixels, strength, 640, 480, 150)
     assert len(chosen) == 150
     assert (chosen >= 900).sum() > 80  # most of the lonely ones survive the crowd
-
-
-def test_words_of_a_vocabulary_put_like_with_like() -> None:
-    centres = random_words(2, 12)
-    noise = np.random.default_rng(3)
-    flips = np.uint64(1) << noise.integers(0, 64, (1200, 4)).astype(np.uint64)
-    descriptors = np.repeat(centres, 100, axis=0) ^ flips
-    vocabulary = train_vocabulary(descriptors, branches=4, depth=3, seed=1)
-    words = vocabulary.words(descriptors).reshape(12, 100)
-    assert words.min() >= 1
-    dominant = [np.bincount(row).max() for row in words]
-    assert np.mean(dominant) > 90
-    again = train_vocabulary(descriptors, branches=4, depth=3, seed=1)
-    assert np.array_equal(again.centres, vocabulary.centres)
-    assert set(vocabulary.word_descriptors()) == set(range(1, vocabulary.size + 1))
 
 
 def make_words(seed: int, places: list[int]) -> list[NDArray[np.int32]]:

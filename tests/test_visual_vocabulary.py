@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from formats.vocabulary_files import read_vocabulary, write_vocabulary
 from mapmyworld.errors import MapError
-from mapmyworld.places.vocabulary import train_vocabulary, vocabulary_of_words
+from mapmyworld.places.vocabulary import Vocabulary
 
 
 def some_words(seed: int, count: int) -> dict[int, np.ndarray]:
@@ -24,7 +24,7 @@ def some_words(seed: int, count: int) -> dict[int, np.ndarray]:
 @given(seed=st.integers(0, 1000), count=st.integers(1, 300))
 def test_a_given_vocabulary_knows_its_own_words(seed: int, count: int) -> None:
     words = some_words(seed, count)
-    vocabulary = vocabulary_of_words(words)
+    vocabulary = Vocabulary.of(words)
     asked = np.stack(list(words.values())).view(np.uint64).reshape(-1, 4)
     assert vocabulary.words(asked).tolist() == list(words)
     assert {k: v.tobytes() for k, v in vocabulary.word_descriptors().items()} == {
@@ -32,16 +32,26 @@ def test_a_given_vocabulary_knows_its_own_words(seed: int, count: int) -> None:
     }
 
 
-def test_most_descriptors_come_to_the_word_they_came_to_when_it_was_learned() -> None:
-    """A learned vocabulary, written down as words and given again: near words are found again."""
-    random = np.random.default_rng(0)
-    centres = random.integers(0, 256, (200, 32)).astype(np.uint8)
-    noise = np.packbits(random.random((6000, 256)) < 0.04, axis=1)
-    seen = (centres[random.integers(0, 200, 6000)] ^ noise).view(np.uint64).reshape(-1, 4)
-    learned = train_vocabulary(seen, branches=10, depth=3, seed=0)
-    given_again = vocabulary_of_words(learned.word_descriptors())
-    agree = np.mean(learned.words(seen) == given_again.words(seen))
-    assert agree > 0.7
+def test_a_descriptor_is_the_word_that_differs_in_fewest_bits() -> None:
+    words = some_words(1, 200)
+    asked = np.random.default_rng(2).integers(0, 256, (300, 32)).astype(np.uint8)
+    numbers = sorted(words)
+    apart = asked[:, None] ^ np.stack([words[n] for n in numbers])
+    nearest = np.unpackbits(apart, axis=2).sum(axis=2).argmin(axis=1)
+    found = Vocabulary.of(words).words(asked.view(np.uint64).reshape(-1, 4))
+    assert found.tolist() == [numbers[k] for k in nearest]
+    assert len(Vocabulary.of(words).words(np.zeros((0, 4), np.uint64))) == 0
+
+
+def test_learned_words_are_descriptors_that_were_seen_and_the_same_each_time() -> None:
+    seen = np.random.default_rng(0).integers(0, 9, (400, 4)).astype(np.uint64)
+    learned, again = Vocabulary.learned(seen, 3), Vocabulary.learned(seen, 3)
+    words = learned.word_descriptors()
+    assert list(words) == list(range(1, learned.size + 1))
+    known = {row.tobytes() for row in seen}
+    assert len({word.tobytes() for word in words.values()} & known) == learned.size > 1
+    assert np.array_equal(again.descriptors, learned.descriptors)
+    assert Vocabulary.learned(seen[:1], 3).size == 1
 
 
 def test_words_come_back_from_a_file(tmp_path: Path) -> None:

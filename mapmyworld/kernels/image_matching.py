@@ -114,6 +114,17 @@ def match_all(
     return matches
 
 
+@jit
+def nearest_words(asked: NDArray[np.uint64], words: NDArray[np.uint64]) -> NDArray[np.int64]:
+    """(N,) which of the `words` (W, 4) each of those `asked` (N, 4) differs from in fewest bits."""
+    by_word, distances = np.ascontiguousarray(words.T), np.empty(len(words), np.int32)
+    found = np.empty(len(asked), np.int64)
+    for i in range(len(asked)):
+        _distances(asked[i], by_word, distances)
+        found[i] = _clear_best(distances, 256, np.inf)
+    return found
+
+
 @inner_jit
 def _distances(
     word: NDArray[np.uint64], by_word: NDArray[np.uint64], distances: NDArray[np.int32]

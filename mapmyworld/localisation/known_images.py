@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import scipy.sparse
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array
@@ -15,7 +14,7 @@ from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.places.appearance import distinct, inverse_frequencies, weigh_words
 from mapmyworld.places.image_proposals import CANDIDATES, NEAR, NEAR_ANGLE
 from mapmyworld.places.node_features import best_features, features_of_camera
-from mapmyworld.places.vocabulary import Vocabulary, vocabulary_of_words
+from mapmyworld.places.vocabulary import Vocabulary
 from mapmyworld.registration.features import extract_features
 from mapmyworld.registration.image_pairs import register_images
 from mapmyworld.registration.scan_search import APART
@@ -39,37 +38,34 @@ class KnownImages:
         """Reads the words of all nodes; images are not decoded."""
         self._store, self._config = store, config
         self._view = lru_cache(self._read_view)
-        words = store.words()
-        self._vocabulary: Vocabulary | None = None
-        if words:
-            self._vocabulary = vocabulary_of_words(words, seed=config.seed)
+        self._vocabulary = Vocabulary.of(store.words())
         poses, kept, ids, solved = store.poses(), [], [], []
-        if poses is not None and self._vocabulary is not None:
+        size = self._vocabulary.size
+        if poses is not None and size:
             for node_id, pose in zip(poses.ids.tolist(), poses.map_from_node, strict=True):
                 features = store.node_data(node_id).features if node_id > 0 else None
                 if features is not None and features.words is not None:
-                    kept.append(self._vocabulary.words(binary_words(features)))
+                    kept.append(np.where(features.words <= size, features.words, 0))
                     ids.append(node_id)
                     solved.append(pose)
         self.ids = np.array(ids, np.int64)
         self.map_from_node = np.array(solved).reshape(-1, 4, 4)
-        size = self._vocabulary.size if self._vocabulary is not None else 0
         self._idf = inverse_frequencies(kept, size)
-        self._vectors = weigh_words(kept, size) if kept else scipy.sparse.csr_matrix((0, 1))
+        self._vectors = weigh_words(kept, size)
 
     def __len__(self) -> int:
         return len(self.ids)
 
     def view_of(self, image: RgbdImage) -> View | None:
         """An image's features with words; None where it lacks colour or depth."""
-        if image.colour is None or image.depth is None or self._vocabulary is None:
+        if image.colour is None or image.depth is None:
             return None
         return self.view_of_features(extract_features(image, self._config), image.camera)
 
     def view_of_features(self, features: Features, camera: CameraModel) -> View | None:
         """The same of features that were found before, in another map's image."""
         best = best_features(features, camera, self._config)
-        if len(best.pixels) == 0 or self._vocabulary is None:
+        if len(best.pixels) == 0:
             return None
         words = self._vocabulary.words(binary_words(best))
         return make_view(replace(best, words=words), camera, self._config)
@@ -80,7 +76,7 @@ class KnownImages:
         weights = np.bincount(words[words > 0], minlength=len(self._idf))[: len(self._idf)]
         vector = weights * self._idf
         length = float(np.linalg.norm(vector))
-        if length == 0.0 or len(self) == 0:
+        if length == 0.0:
             return []
         likeness = np.asarray(self._vectors @ vector).ravel() / length
         order = np.argsort(-likeness, kind="stable")

@@ -20,7 +20,7 @@ from mapmyworld.places.node_features import (
     prepared_image,
     usable_images,
 )
-from mapmyworld.places.vocabulary import Vocabulary, train_vocabulary, vocabulary_of_words
+from mapmyworld.places.vocabulary import Vocabulary
 from mapmyworld.registration.views import View, binary_words, make_view
 from mapmyworld.types import (
     CameraModel,
@@ -119,8 +119,7 @@ class NodeImages:
 
         `given`: word id -> descriptor (D,).
         """
-        seed = self._config.seed
-        vocabulary = vocabulary_of_words(given, seed=seed) if given else self._learned()
+        vocabulary = Vocabulary.of(given) if given else self._learned()
         self._features = [
             replace(f, words=vocabulary.words(binary_words(f))) for f in self._features
         ]
@@ -129,7 +128,7 @@ class NodeImages:
     def _learned(self) -> Vocabulary:
         per_image = max(1, _TRAINING // max(len(self._features), 1))
         sample = [_sample(f, per_image) for f in self._features]
-        return train_vocabulary(np.concatenate(sample), seed=self._config.seed)
+        return Vocabulary.learned(np.concatenate(sample), self._config.seed)
 
     def words(self) -> list[NDArray[np.int32]]:
         """The words (N,) of each image."""

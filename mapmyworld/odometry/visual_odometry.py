@@ -203,15 +203,10 @@ class VisualTracker:
         return sightings, (chosen.astype(np.int64), ids[known])
 
     def _agree(self, sightings: Sightings) -> Array | None:
-        settings = self._config.visual
+        """The pose on which enough of the sightings agree; None where fewer do."""
         if len(sightings) < self._least:
             return None
-        pose, count = ransac_pose(sightings, settings.inlier_sigmas)
-        if count < self._least // 2:
-            return None
-        kept = sightings.chosen(inliers(pose, sightings, 2.0 * settings.inlier_sigmas))
-        pose, _ = refine_pose(pose, kept)
-        agreed = np.count_nonzero(inliers(pose, sightings, settings.inlier_sigmas))
+        pose, agreed = ransac_pose(sightings, self._config.visual.inlier_sigmas)
         return pose if agreed >= self._least else None
 
     def _relocate(self, view: View) -> Array | None:

@@ -74,9 +74,6 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
     if found < enough:
         return _failed(mine, theirs, _few(found, len(mine), config))
     first = found / len(mine)
-    pose, _ = refine_pose(
-        pose, sightings.chosen(inliers(pose, sightings, 2 * settings.inlier_sigmas))
-    )
     base = pose @ invert(b.camera.base_from_camera)
     more = match_by_pose(a, b, points, base, settings.inlier_sigmas * pixel_sigmas(a.features))
     if len(more[0]) >= found:

@@ -86,7 +86,7 @@ def _log(path: Path) -> None:
             pass
         if number > _MOST_MESSAGES:
             break
-    log.losses()
+    log.info()
 
 
 def _tum(path: Path) -> None:

@@ -140,7 +140,7 @@ def _show_plan(log: LogSource, config: Config) -> None:
     survey = survey_log(log)
     plan = make_plan(survey, config.sensing)
     show_result(plan_json(plan), plan_lines(plan))
-    if plan.losses or survey.losses or log.info().problems:
+    if plan.losses or survey.info.problems:
         sys.exit(EXIT_PARTIAL)
 
 

@@ -60,13 +60,13 @@ def log(
         "log": info_json(info),
         "diagnosis": [asdict(finding) for finding in findings],
         "plan": plan_json(plan) if plan else None,
-        "problems": [*info.problems, *survey.losses, *([str(failure)] if failure else [])],
+        "problems": [*info.problems, *([str(failure)] if failure else [])],
     }
-    lines = info_lines(info) + [f"  - {loss}" for loss in survey.losses if not plan]
-    show_result(facts, lines + (plan_lines(plan) if plan else []) + finding_lines(findings))
+    lines = info_lines(info) + (plan_lines(plan) if plan else [])
+    show_result(facts, lines + finding_lines(findings))
     if failure is not None:
         raise failure
-    if survey.losses or info.problems or (plan is not None and plan.losses):
+    if info.problems or (plan is not None and plan.losses):
         sys.exit(EXIT_PARTIAL)
 
 

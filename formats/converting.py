@@ -83,10 +83,10 @@ def convert_log(
         if messages == latched:
             raise LogError(
                 f"nothing to write: no message of the selection in {', '.join(info.paths)}",
-                problems=(*copier.losses(), *log.losses()),
+                problems=(*copier.losses(), *log.info().problems),
             )
     doubts = (doubt for topic, doubt in info.doubts if topic in (selection.topics or topics))
-    losses = (*log.losses(), *doubts, *copier.losses())
+    losses = (*log.info().problems, *doubts, *copier.losses())
     return Conversion(messages, 1e-9 * (times[-1] - times[0]), losses)
 
 

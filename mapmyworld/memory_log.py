@@ -40,9 +40,6 @@ class MemoryLog:
                 decode = partial(_itself, message)
                 yield RawMessage(topic, message.kind, time, message.stamp_ns, decode)
 
-    def losses(self) -> tuple[str, ...]:
-        return ()
-
     def let_go(self) -> None:
         """Keeps the messages: there is no file to read them from."""
 

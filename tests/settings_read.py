@@ -34,9 +34,6 @@ class Beginning:
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         return (m for m in self._log.messages(topics) if m.log_time_ns < self._end_ns)
 
-    def losses(self) -> tuple[str, ...]:
-        return self._log.losses()
-
     def let_go(self) -> None:
         self._log.let_go()
 

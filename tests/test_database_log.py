@@ -103,7 +103,7 @@ def test_info_counts_what_messages_gives(ours: LogSource, data: Path) -> None:
         assert {topic.topic: topic.count for topic in log.info().topics} == counts
         assert times == sorted(times)
         assert (log.info().start_ns, log.info().end_ns) == (times[0], times[-1])
-        assert log.losses() == ()
+        assert log.info().problems == ()
 
 
 def test_motion_corrected_beams_are_not_moved_back() -> None:
@@ -138,8 +138,8 @@ def test_damaged_nodes_are_losses(tmp_path: Path) -> None:
         insert(sqlite, "Data", id=2, scan=matrix(points, cols=99), scan_info=scan_info(1))
     log = open_database_log(tmp_path / "r.db")
     assert len(decoded(log, "/scan")) == 1
-    assert len(log.losses()) == 1
-    assert "node 2's scan" in log.losses()[0]
+    assert len(log.info().problems) == 1
+    assert "node 2's scan" in log.info().problems[0]
     assert len(decoded(log, "/odom")) == 3
 
 

@@ -317,7 +317,7 @@ def test_damaged_lines_are_skipped_and_counted(tmp_path: Path) -> None:
     path.write_text("".join(good[:3] + bad + good[3:]), encoding="latin-1")
     log = open_log([path])
     assert len(list(log.messages())) == 7
-    (loss,) = log.losses()
+    (loss,) = log.info().problems
     assert "4 damaged line(s)" in loss
     assert "line 4" in loss
 
@@ -328,7 +328,7 @@ def test_a_log_cut_in_the_first_numbers_of_a_laser_line_is_read(tmp_path: Path) 
     path.write_text(SMALL + "ROBOTLASER1 0 -1.2")
     log = open_log([path])
     assert all(raw.decode() is not None for raw in log.messages())
-    assert "1 damaged line(s)" in log.losses()[0]
+    assert "1 damaged line(s)" in log.info().problems[0]
 
 
 @pytest.mark.parametrize("pack", [bz2.compress, gzip.compress])
@@ -343,7 +343,7 @@ def test_a_cut_compressed_log_gives_what_it_has(tmp_path: Path, pack: object) ->
     log = open_log([path])
     messages = list(log.messages())
     assert 2 * 2000 < len(messages) < 2 * 5000
-    assert "the rest is lost" in log.losses()[0]
+    assert "the rest is lost" in log.info().problems[0]
 
 
 @pytest.mark.parametrize("cut", range(1, len(SMALL), 7))
@@ -371,5 +371,5 @@ def test_real_logs_read_completely(data: Path, name: str, scans: int, back: bool
             assert message.stamp_ns is not None
             stamps.append(message.stamp_ns)
     assert len(stamps) == scans
-    assert log.losses() == ()
+    assert log.info().problems == ()
     assert bool((np.diff(stamps) < 0).any()) is back

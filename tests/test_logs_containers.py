@@ -90,7 +90,7 @@ def test_reading_starts_again_and_gives_the_same(written: tuple[int, Path]) -> N
     log = open_log([written[1]])
     first = [(m.topic, m.log_time_ns) for m in log.messages()]
     assert [(m.topic, m.log_time_ns) for m in log.messages()] == first
-    assert log.losses() == ()
+    assert log.info().problems == ()
 
 
 def test_info_counts_without_decoding(written: tuple[int, Path]) -> None:
@@ -157,7 +157,7 @@ def test_a_listed_part_that_is_missing_is_reported(tmp_path: Path) -> None:
     (folder / "metadata.yaml").write_text(text)
     log = open_log([folder])
     assert len(list(log.messages())) == len(ROS2)
-    assert any("gone_1.db3" in loss for loss in log.losses())
+    assert any("gone_1.db3" in loss for loss in log.info().problems)
 
 
 @pytest.mark.parametrize(

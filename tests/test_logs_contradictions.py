@@ -51,7 +51,7 @@ def read(path: Path) -> tuple[int, list[int], str]:
     """How many messages, their log times, and what is said to be lost."""
     log = open_log([path])
     times = [raw.log_time_ns for raw in log.messages()]
-    return len(times), times, " ".join(log.losses())
+    return len(times), times, " ".join(log.info().problems)
 
 
 def test_a_bag_whose_index_points_elsewhere_is_read_through(tmp_path: Path) -> None:
@@ -105,7 +105,7 @@ def test_a_summary_that_hides_channels_hides_nothing(tmp_path: Path) -> None:
 
     log = open_log([changed_mcap(path, hidden)])
     assert len(list(log.messages(["/scan"]))) == whole
-    assert log.losses() == ()
+    assert log.info().problems == ()
 
 
 def test_chunks_that_begin_before_their_index_says_so_are_in_order(tmp_path: Path) -> None:

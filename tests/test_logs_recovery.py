@@ -68,9 +68,9 @@ def read(path: Path) -> tuple[list[tuple[str, int, bytes]], tuple[str, ...]]:
         except LogError:
             continue
     if not isinstance(log, RecordedLog | MergedLog):
-        return [], log.losses()
+        return [], log.info().problems
     records = [(channel.topic, time, data) for time, channel, data in log.records()]
-    return records, log.losses()
+    return records, log.info().problems
 
 
 def boundaries(data: bytes) -> list[int]:
@@ -367,7 +367,7 @@ def test_a_time_that_is_none_costs_no_other_message(tmp_path: Path, time: object
     assert all(0 <= found < 1 << 62 for found in times)
     assert len(times) >= len(DRIVES[2]) - 1
     assert survey_log(log).streams
-    reported = any("have no time" in line for line in log.losses())
+    reported = any("have no time" in line for line in log.info().problems)
     assert reported == (not isinstance(time, int))
 
 
@@ -383,7 +383,7 @@ def test_a_topic_without_number_costs_its_messages_and_no_others(tmp_path: Path)
     log = open_log([path])
     assert len(log.info().topics) == len(whole) - 1
     assert len(list(log.messages())) == sum(t.count for t in log.info().topics)
-    assert any("has no number" in line for line in log.losses())
+    assert any("has no number" in line for line in log.info().problems)
 
 
 def test_damage_that_sqlite_quotes_back_is_refused_in_words(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ def recording(folder: Path, mode: str = "none") -> Path:
 
 
 def counted(log: LogSource) -> tuple[int, str]:
-    return sum(1 for _ in log.messages()), " ".join(log.losses())
+    return sum(1 for _ in log.messages()), " ".join(log.info().problems)
 
 
 _READ = """
@@ -31,7 +31,7 @@ import re, sys
 from pathlib import Path
 from formats.logs import open_log
 log = open_log(sys.argv[1:])
-print(sum(1 for _ in log.messages()), *log.losses())
+print(sum(1 for _ in log.messages()), *log.info().problems)
 print(re.search("VmHWM: *(\\d+)", Path("/proc/self/status").read_text().replace("\t", ""))[1])
 """
 

@@ -117,7 +117,8 @@ def test_missing_images_and_damaged_lines_are_reported(tmp_path: Path) -> None:
         stream.write("3.0 1 2\n4.0 nan 0 0 0 0 0 1\n")
     log = open_log([folder])
     assert len(list(log.messages())) == 6
-    assert ["3 line(s)" in loss or "2 line(s)" in loss for loss in log.losses()] == [True, True]
+    problems = log.info().problems
+    assert ["3 line(s)" in line or "2 line(s)" in line for line in problems] == [True, True]
 
 
 def test_names_that_no_file_can_have_cost_their_line_alone(tmp_path: Path) -> None:
@@ -127,7 +128,7 @@ def test_names_that_no_file_can_have_cost_their_line_alone(tmp_path: Path) -> No
         lines.write(b"3.0 " + b"x" * 5000 + b"\n3.1 a\0b.png\n3.2 ring.png\n3.3 ../a/rgb/../../b\n")
     log = open_log([folder])
     assert log.info().topics[1].count == 2
-    assert "4 line(s) skipped" in log.losses()[0]
+    assert "4 line(s) skipped" in log.info().problems[0]
 
 
 def test_an_image_that_is_none_disturbs_only_who_looks(tmp_path: Path) -> None:
@@ -159,7 +160,7 @@ def test_the_real_folder_reads_completely(data: Path) -> None:
     log = open_log([data / "rgbd" / "freiburg1_rpy_15hz"])
     counts = {topic.topic: topic.count for topic in log.info().topics}
     assert counts["/camera/rgb/image_color"] == counts["/camera/depth/image"] == 339
-    assert log.losses() == ()
+    assert log.info().problems == ()
     for message in log.messages({"/camera/depth/image"}):
         image = message.decode()
         assert isinstance(image, ImageMessage)

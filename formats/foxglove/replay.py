@@ -68,7 +68,7 @@ def write_replay(
         # Where times are equal, ours come first.
         for _, act in heapq.merge(ours, moved, others, key=itemgetter(0)):
             act()
-    return [path, write_layout(path)], (*log.losses(), *copier.losses())
+    return [path, write_layout(path)], (*log.info().problems, *copier.losses())
 
 
 def _ours(

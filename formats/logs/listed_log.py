@@ -60,9 +60,6 @@ class ListedLog:
     def content_hash(self) -> str:
         return hash_files(self._files())
 
-    def losses(self) -> tuple[str, ...]:
-        return tuple(self.problems)
-
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         listed = self._listed or self._list()
         return (raw for raw in listed() if topics is None or raw.topic in topics)

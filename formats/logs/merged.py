@@ -53,6 +53,3 @@ class MergedLog:
     def let_go(self) -> None:
         for source in self.sources:
             source.let_go()
-
-    def losses(self) -> tuple[str, ...]:
-        return (*self.problems, *(loss for source in self.sources for loss in source.losses()))

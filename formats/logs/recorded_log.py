@@ -98,9 +98,6 @@ class RecordedLog:
     def content_hash(self) -> str:
         return hash_files([self.path])
 
-    def losses(self) -> tuple[str, ...]:
-        return tuple(self.index().problems)
-
     def let_go(self) -> None:
         """Nothing: the index is small, and messages stay in the file."""
 

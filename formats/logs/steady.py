@@ -28,9 +28,6 @@ class SteadyLog:
     def content_hash(self) -> str:
         return self._log.content_hash()
 
-    def losses(self) -> tuple[str, ...]:
-        return self._log.losses()
-
     def let_go(self) -> None:
         self._log.let_go()
 

@@ -35,7 +35,8 @@ def localise_log(
     estimates = localiser.follow(made_ahead(frames))
     for note in localiser.notes:
         progress.note(note)
-    return Localisation(tuple(estimates), tuple(localiser.notes), (*plan.losses, *log.losses()))
+    losses = (*plan.losses, *log.info().problems)
+    return Localisation(tuple(estimates), tuple(localiser.notes), losses)
 
 
 def _localiser(

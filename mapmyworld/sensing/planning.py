@@ -30,7 +30,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
     if not any(stream.count for stream in survey.streams.values()):
         raise LogError(
             f"{survey.info.paths[0]}: the log holds no message that mapping can use",
-            problems=list(dict.fromkeys([*survey.info.problems, *survey.losses])),
+            problems=survey.info.problems,
         )
     _check_topics(draft)
     base = plan_base.choose_base(draft)
@@ -51,7 +51,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
         raise LogError(
             f"{', '.join(survey.info.paths)}: no map can be made: the log has neither a laser scan "
             "nor colour with depth that can be used",
-            problems=list(dict.fromkeys([*draft.problems, *draft.losses, *survey.losses])),
+            problems=list(dict.fromkeys([*draft.problems, *draft.losses, *survey.info.problems])),
         )
     plan = Plan(
         scan=scan,
@@ -67,7 +67,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
         decisions=tuple(draft.decisions),
         warnings=tuple(draft.warnings),
         sort_ns=sort_ns,
-        losses=(*survey.losses, *draft.losses),
+        losses=(*survey.info.problems, *draft.losses),
         more_cameras=more_cameras,
     )
     return plan.with_odometry_shifted(config.odometry_offset) if config.odometry_offset else plan

@@ -119,7 +119,6 @@ class Survey:
     odometry_frames: dict[str, tuple[str, str]]
     """Topic -> its frame and child frame, as recorded."""
     end_ns: int
-    losses: tuple[str, ...]
     slopes: dict[str, float]
     """Inertial topic -> radians by which the robot leaned, for some seconds, at most."""
 
@@ -222,6 +221,5 @@ def survey_log(
         odometry={topic: surveyor.recorders[topic].finish() for topic in surveyor.frames},
         odometry_frames=surveyor.frames,
         end_ns=surveyor.end_ns,
-        losses=log.losses(),
         slopes={topic: forces.slope() for topic, forces in surveyor.forces.items()},
     )

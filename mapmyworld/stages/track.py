@@ -73,7 +73,7 @@ def track(
     notes = [*_lag_notes(lag_s), *tracker.notes(), *refuted, *still, *_count_notes(counts)]
     notes += _advice(faults, spoilt=False)
     counted = _count_losses(counts, guard)
-    losses = [*log.losses(), *tracker.losses(), *counted, *_advice(faults, spoilt=True)]
+    losses = [*log.info().problems, *tracker.losses(), *counted, *_advice(faults, spoilt=True)]
     reported = {"losses": losses, "notes": notes, "odometry_lag_s": lag_s}
     store.put("track", {"frames": counts.frames, **reported})
     for note in _lag_notes(lag_s) if lag_s else notes:  # the others were reported the first time

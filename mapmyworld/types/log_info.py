@@ -58,7 +58,7 @@ class LogInfo:
     details: tuple[tuple[str, str], ...] = ()
     """Further lines for `inspect log`: library, profile, compression, chunks, ..."""
     problems: tuple[str, ...] = ()
-    """Damage and oddities seen so far, one line each."""
+    """What could not be read, and oddities, as far as the log was gone through; one line each."""
     doubts: tuple[tuple[str, str], ...] = ()
     """Topic, and what had to be assumed of it: a loss where that topic is used."""
 

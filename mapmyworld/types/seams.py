@@ -39,11 +39,8 @@ class LogSource(Protocol):
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """Messages of `topics` (all when None) in log-time order, ties in file order.
 
-        Damaged parts are skipped; `losses` then indicates what is missing.
+        Damaged parts are skipped; the `problems` of `info` then indicate what is missing.
         """
-
-    def losses(self) -> tuple[str, ...]:
-        """What the last complete iteration could not read, one line each."""
 
     def let_go(self) -> None:
         """Gives back the memory of what would have to be read again."""

@@ -48,7 +48,7 @@ def log(
     from mapmyworld.sensing import make_plan, survey_log
 
     source = open_log(paths)
-    survey = survey_log(source, every_topic=True)
+    survey = survey_log(source)
     info = survey.info
     plan, failure = None, None
     try:

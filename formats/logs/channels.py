@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -53,6 +53,8 @@ class Index:
 
     channels: dict[int, Channel] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)
+    spans: dict[int, tuple[int, int]] = field(default_factory=dict)
+    """Times of each channel's first and last message, in ns."""
     blocks: list[Block] = field(default_factory=list)
     details: list[tuple[str, str]] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
@@ -61,11 +63,15 @@ class Index:
     def add(self, messages: Sequence[Found], offset: int, length: int) -> None:
         """A block by the messages found in it; none where there are none."""
         if messages:
-            times = [time for time, _, _ in messages]
-            counts = Counter(key for _, key, _ in messages)
-            for key, count in counts.items():
-                self.counts[key] = self.counts.get(key, 0) + count
-            self.blocks.append(Block(offset, length, min(times), max(times), frozenset(counts)))
+            found = defaultdict[int, list[int]](list)
+            for time, key, _ in messages:
+                found[key].append(time)
+            for key, times in found.items():
+                self.counts[key] = self.counts.get(key, 0) + len(times)
+                times += self.spans.get(key, ())
+                self.spans[key] = min(times), max(times)
+            every = [time for time, _, _ in messages]
+            self.blocks.append(Block(offset, length, min(every), max(every), frozenset(found)))
 
 
 def normalised_type(name: str) -> str:

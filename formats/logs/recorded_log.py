@@ -71,7 +71,17 @@ class RecordedLog:
                 )
                 index.blocks[:] = map(step.moved, index.blocks)
             self._index, self.clock_step = index, step
+            if step is not None:
+                self._mend_spans(index)
         return self._index
+
+    def _mend_spans(self, index: Index) -> None:
+        """Between which times the channels speak, had the clock not been set."""
+        keys = {channel: key for key, channel in index.channels.items()}
+        index.spans.clear()
+        for time, channel, _ in self.records():
+            first, _ = index.spans.get(keys[channel], (time, time))
+            index.spans[keys[channel]] = first, time
 
     def info(self) -> LogInfo:
         index = self.index()
@@ -87,13 +97,8 @@ class RecordedLog:
     def _topic(self, key: int) -> TopicInfo:
         index = self.index()
         channel, count = index.channels[key], index.counts.get(key, 0)
-        blocks = [block for block in index.blocks if count and key in block.channels]
-        first = min((block.start_ns for block in blocks), default=None)
-        last = max((block.end_ns for block in blocks), default=None)
-        kind = decoder_for(channel).kind
-        return TopicInfo(
-            channel.topic, channel.type_name, kind, channel.encoding, count, first, last
-        )
+        kind, span = decoder_for(channel).kind, map(_in_range, index.spans.get(key, ()))
+        return TopicInfo(channel.topic, channel.type_name, kind, channel.encoding, count, *span)
 
     def content_hash(self) -> str:
         return hash_files([self.path])
@@ -127,7 +132,7 @@ class RecordedLog:
         blocks = [block for block in index.blocks if not block.channels.isdisjoint(wanted)]
         with self._opened() as source:
             for time, channel, data in in_time_order(blocks, partial(self._mended, source, wanted)):
-                yield min(max(time, 0), LATEST_NS), channel, data
+                yield _in_range(time), channel, data
 
     def _mended(self, source: Any, wanted: dict[int, Channel], block: Block) -> list[Record]:
         records = self._records(source, wanted, block)
@@ -143,6 +148,10 @@ class RecordedLog:
                 "command again when it is complete"
             ) from error
         return [(time, wanted[key], data) for time, key, data in found if key in wanted]
+
+
+def _in_range(time: int) -> int:
+    return min(max(time, 0), LATEST_NS)
 
 
 def _message(record: Record) -> RawMessage:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from array import array
 from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 from mapmyworld.errors import LogError
@@ -111,7 +111,6 @@ class Survey:
     """Everything that deciding needs, in memory that grows only by tf and odometry."""
 
     info: LogInfo
-    """As the log has it, with the first and last log time of each topic that was read."""
     streams: dict[str, Stream]
     tree: TransformTree
     odometry: dict[str, RecordedMotion]
@@ -135,8 +134,6 @@ class Survey:
 class _Surveyor:
     def __init__(self) -> None:
         self.streams: dict[str, Stream] = {}
-        self.others: dict[str, Stream] = {}
-        """Of kinds that no map is made of: counted, not decoded."""
         self.tree = TransformTree()
         self.recorders: defaultdict[str, MotionRecorder] = defaultdict(MotionRecorder)
         self.frames: dict[str, tuple[str, str]] = {}
@@ -144,10 +141,9 @@ class _Surveyor:
         self.end_ns = 0
 
     def add(self, raw: RawMessage) -> None:
-        streams = self.others if raw.kind is MessageKind.OTHER else self.streams
-        stream = streams.get(raw.topic)
+        stream = self.streams.get(raw.topic)
         if stream is None:
-            stream = streams[raw.topic] = Stream(raw.topic, raw.kind)
+            stream = self.streams[raw.topic] = Stream(raw.topic, raw.kind)
         stream.add(raw)
         if raw.log_time_ns > self.end_ns:
             self.end_ns = raw.log_time_ns
@@ -156,8 +152,6 @@ class _Surveyor:
 
     def _wants(self, raw: RawMessage, stream: Stream) -> bool:
         """Whether a message is decoded: all that move frames, of scans until one has a range."""
-        if raw.kind is MessageKind.OTHER:
-            return False
         whole = raw.kind is MessageKind.TRANSFORMS or raw.kind is MessageKind.ODOMETRY
         is_blind = raw.kind is MessageKind.LASER_SCAN and not stream.has_returns
         if whole or is_blind or len(stream.samples) < _SAMPLES:
@@ -186,28 +180,10 @@ class _Surveyor:
                 stream.undecodable += 1
 
 
-def _timed(info: LogInfo, streams: dict[str, Stream]) -> LogInfo:
-    """With the times that were met: an index may know only those of the chunks around."""
-    return replace(
-        info,
-        topics=tuple(
-            replace(t, first_ns=streams[t.topic].first_log_ns, last_ns=streams[t.topic].last_log_ns)
-            if t.count and t.topic in streams
-            else t
-            for t in info.topics
-        ),
-    )
-
-
-def survey_log(
-    log: LogSource, watch: Callable[[int], None] | None = None, *, every_topic: bool = False
-) -> Survey:
-    """Reads the log once; `watch` is given the log time reached, for progress.
-
-    `every_topic`: those of unknown types as well, for their times.
-    """
+def survey_log(log: LogSource, watch: Callable[[int], None] | None = None) -> Survey:
+    """Reads the log once; `watch` is given the log time reached, for progress."""
     topics = log.info().topics
-    ignored = {t.topic for t in topics if t.kind is MessageKind.OTHER and not every_topic}
+    ignored = {t.topic for t in topics if t.kind is MessageKind.OTHER}
     surveyor = _Surveyor()
     for raw in log.messages([t.topic for t in topics if t.topic not in ignored]):
         surveyor.add(raw)
@@ -215,7 +191,7 @@ def survey_log(
             watch(raw.log_time_ns)
     surveyor.tree.finish()
     return Survey(
-        info=_timed(log.info(), surveyor.others | surveyor.streams),
+        info=log.info(),
         streams=surveyor.streams,
         tree=surveyor.tree,
         odometry={topic: surveyor.recorders[topic].finish() for topic in surveyor.frames},

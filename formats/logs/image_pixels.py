@@ -17,15 +17,23 @@ _FILES = (b"\xff\xd8", b"\x89PNG", b"RIFF")  # JPEG, PNG, WebP; other decoders a
 _MILLIMETRES = 1000.0  # units of 16-bit depth in a metre (REP-118)
 _HEADER = Struct("<iff")  # of ROS's compressedDepth transport
 _RVL_SIZE = Struct("<II")
-# Encoding -> bytes a channel, channels.
+_DEPTH = frozenset({"16UC1", "32FC1", "MONO16", "Z16"})
+# Encoding -> bytes a channel, channels, and what OpenCV calls the way to RGB, where there is one.
 _LAYOUTS = {
-    "rgb8": (1, 3), "bgr8": (1, 3), "rgba8": (1, 4), "bgra8": (1, 4),
-    "rgb16": (2, 3), "bgr16": (2, 3), "rgba16": (2, 4), "bgra16": (2, 4),
-    "mono8": (1, 1), "mono16": (2, 1), "8UC1": (1, 1), "8UC3": (1, 3), "8UC4": (1, 4),
-    "16UC1": (2, 1), "z16": (2, 1), "32FC1": (4, 1),
-    "bayer_rggb8": (1, 1), "bayer_bggr8": (1, 1), "bayer_gbrg8": (1, 1), "bayer_grbg8": (1, 1),
-    "bayer_rggb16": (2, 1), "bayer_bggr16": (2, 1), "bayer_gbrg16": (2, 1), "bayer_grbg16": (2, 1),
-    "yuv422": (1, 2), "uyvy": (1, 2), "yuv422_yuy2": (1, 2), "yuyv": (1, 2),
+    "rgb8": (1, 3, ""), "bgr8": (1, 3, "BGR2RGB"), "8UC3": (1, 3, "BGR2RGB"),
+    "rgb16": (2, 3, ""), "bgr16": (2, 3, "BGR2RGB"), "8UC4": (1, 4, "BGRA2RGB"),
+    "rgba8": (1, 4, "RGBA2RGB"), "bgra8": (1, 4, "BGRA2RGB"),
+    "rgba16": (2, 4, "RGBA2RGB"), "bgra16": (2, 4, "BGRA2RGB"),
+    "mono8": (1, 1, ""), "8UC1": (1, 1, ""),
+    "mono16": (2, 1, ""), "16UC1": (2, 1, ""), "z16": (2, 1, ""), "32FC1": (4, 1, ""),
+    "yuv422": (1, 2, "YUV2RGB_UYVY"), "uyvy": (1, 2, "YUV2RGB_UYVY"),
+    "yuv422_yuy2": (1, 2, "YUV2RGB_YUY2"), "yuyv": (1, 2, "YUV2RGB_YUY2"),
+    # OpenCV names a pattern by its second row, second column.
+    **{
+        f"bayer_{pattern}{8 * size}": (size, 1, f"Bayer{name}2RGB")
+        for pattern, name in {"rggb": "BG", "bggr": "RG", "gbrg": "GR", "grbg": "GB"}.items()
+        for size in (1, 2)
+    },
 }  # fmt: skip
 
 
@@ -36,7 +44,7 @@ def raw_pixels(
     layout = _LAYOUTS.get(encoding) or _LAYOUTS.get(encoding.lower())
     if layout is None:
         raise LogError(f"image encoding {encoding!r} is not known: record rgb8, mono8 or 16UC1")
-    size, channels = layout
+    size, channels, way = layout
     row_bytes = width * size * channels
     step = step or row_bytes
     if not (0 < width * height <= limits().image_pixels and row_bytes <= step) or (
@@ -47,30 +55,19 @@ def raw_pixels(
     rows = np.lib.stride_tricks.as_strided(whole, (height, row_bytes), (step, 1), writeable=False)
     kind = {1: "u1", 2: "u2", 4: "f4"}[size]
     cells = np.ascontiguousarray(rows).view((">" if big_endian else "<") + kind)
-    return _converted(encoding, cells.reshape(height, width, channels).astype(kind, copy=False))
+    cells = cells.reshape(height, width, channels).astype(kind, copy=False)
+    return metres_from_depth(cells[..., 0]) if encoding.upper() in _DEPTH else _picture(cells, way)
 
 
-def _converted(encoding: str, cells: NDArray[np.generic]) -> NDArray[np.generic]:
-    """Cells (H, W, C) as recorded -> RGB, grey or metres."""
-    name = encoding.lower()
-    if name in {"16uc1", "mono16", "z16", "32fc1"}:
-        return metres_from_depth(cells[..., 0])
-    if name.startswith("bayer"):
-        return _from_bayer(name, cells[..., 0])
-    if name in {"yuv422", "uyvy", "yuv422_yuy2", "yuyv"}:
-        return _from_yuv(name, cells)
-    cells = _eight_bits(cells)
-    if cells.shape[2] == 1:
-        return np.ascontiguousarray(cells[..., 0])
-    blue_first = name.startswith("bgr") or name in {"8uc3", "8uc4"}
-    return np.ascontiguousarray(cells[..., 2::-1] if blue_first else cells[..., :3])
+def _picture(cells: NDArray[np.generic], way: str) -> NDArray[np.generic]:
+    """RGB or grey of cells (H, W, C) as recorded; of 16 bits the high bytes."""
+    if cells.dtype.itemsize == 2:
+        cells = np.asarray((cells.astype(np.uint16) >> 8).astype(np.uint8))
+    if not way:
+        return cells[..., 0] if cells.shape[2] == 1 else cells
+    import cv2
 
-
-def _eight_bits(cells: NDArray[np.generic]) -> NDArray[np.generic]:
-    """The high bytes of 16-bit cells; others as they are."""
-    if cells.dtype.itemsize == 1:
-        return cells
-    return np.asarray((cells.astype(np.uint16) >> 8).astype(np.uint8))
+    return np.asarray(cv2.cvtColor(cells, getattr(cv2, f"COLOR_{way}")))
 
 
 def metres_from_depth(
@@ -81,21 +78,6 @@ def metres_from_depth(
         return np.asarray(cells.astype(np.float32) / np.float32(units), np.float32)
     metres = cells.astype(np.float32)
     return np.where(np.isfinite(metres) & (metres > 0), metres, np.float32(0)).astype(np.float32)
-
-
-def _from_bayer(name: str, cells: NDArray[np.generic]) -> NDArray[np.generic]:
-    import cv2
-
-    # OpenCV names a pattern by its second row, second column.
-    code = {"rggb": "BG", "bggr": "RG", "gbrg": "GR", "grbg": "GB"}[name[6:10]]
-    return np.asarray(cv2.cvtColor(_eight_bits(cells), getattr(cv2, f"COLOR_Bayer{code}2RGB")))
-
-
-def _from_yuv(name: str, cells: NDArray[np.generic]) -> NDArray[np.generic]:
-    import cv2
-
-    order = "UYVY" if name in {"yuv422", "uyvy"} else "YUY2"
-    return np.asarray(cv2.cvtColor(cells, getattr(cv2, f"COLOR_YUV2RGB_{order}")))
 
 
 def compressed_image(stamp_ns: int, frame_id: str, described: str, data: bytes) -> ImageMessage:
@@ -169,7 +151,7 @@ def encoded_pixels(data: bytes, encoding: str, units: float = _MILLIMETRES) -> N
     """
     import cv2
 
-    depth = encoding.upper() in {"16UC1", "32FC1", "MONO16", "Z16"}
+    depth = encoding.upper() in _DEPTH
     if not data.startswith(_FILES):
         raise LogError("a compressed image cannot be decoded: it is no JPEG, PNG or WebP file")
     width, height = picture_size(data)
@@ -182,5 +164,6 @@ def encoded_pixels(data: bytes, encoding: str, units: float = _MILLIMETRES) -> N
     if depth:
         return metres_from_depth(cells if cells.ndim == 2 else cells[..., 0], units)
     if cells.ndim == 2 and encoding.lower().startswith("bayer"):
-        return _from_bayer(encoding.lower(), cells)  # the mosaic was compressed as it was
+        way = _LAYOUTS[encoding.lower()][2]
+        return _picture(cells[..., None], way)  # the mosaic was compressed as it was
     return np.ascontiguousarray(cells if cells.ndim == 2 else cells[..., 2::-1])

@@ -17,7 +17,6 @@ _TRACKED = (
     "sensing.node_*",
     "sensing.cloud_spacing",
     "odometry.keyframe_*",
-    "odometry.*_noise",
     "odometry.contradiction",
     "odometry.least_overlap",
     "odometry.search_*",

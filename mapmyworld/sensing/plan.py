@@ -30,7 +30,6 @@ class ScanSource:
     """The lidar that the map is made with."""
 
     topic: str
-    frame_id: str
     base_from_lidar: NDArray[np.float64]
     """(4, 4)."""
     beams_are_timed: bool

@@ -136,4 +136,4 @@ def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
             f"{stream.topic} does not say when each beam was taken (time_increment 0): sweeps are "
             "not corrected for the robot's motion"
         )
-    return ScanSource(stream.topic, frame_name(scan.frame_id), mount, timed)
+    return ScanSource(stream.topic, mount, timed)

@@ -139,47 +139,32 @@ class RecordedMotion:
             nearest = np.abs(exact - self._last).argmin() if len(exact) > 1 else 0
             self._last = int(exact[nearest])
             return np.asarray(transforms_of_rows(self._values[self._last])[0])
-        if self.is_sorted:
-            if stamp_ns not in self._ahead:
-                self._ahead = self._each(np.array([stamp_ns, *soon], np.int64))
-            return self._ahead.pop(stamp_ns)
-        found = self.at_many(np.array([stamp_ns], np.int64))
-        # A copy: a view would keep the whole window of samples alive with every frame.
-        return None if found is None else np.array(found[0])
+        if not self.is_sorted or not len(self):
+            found = self.at_many(np.array([stamp_ns], np.int64))
+            # A copy: a view would keep the whole window of samples alive with every frame.
+            return None if found is None else np.array(found[0])
+        if stamp_ns not in self._ahead:
+            wanted = np.array([stamp_ns, *soon], np.int64)
+            looked_up = zip(wanted.tolist(), *self._between(wanted, None), strict=True)
+            self._ahead = {at: pose.copy() if near else None for at, pose, near in looked_up}
+        return self._ahead.pop(stamp_ns)
 
     def at_many(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64] | None:
         """Poses (N, 4, 4) at stamps (N,) close to one another; None unless all are covered."""
-        if not len(self.stamps_ns):
+        if not len(self):
             return None
-        if self.is_sorted:
-            return self._between(stamps_ns, None)
-        window = self._window(int(stamps_ns[0]))
-        in_time = window[np.argsort(self.stamps_ns[window], kind="stable")]
-        return self._between(stamps_ns, in_time)
+        in_time = None
+        if not self.is_sorted:
+            window = self._window(int(stamps_ns[0]))
+            in_time = window[np.argsort(self.stamps_ns[window], kind="stable")]
+        poses, near = self._between(stamps_ns, in_time)
+        return poses if near.all() else None
 
     def _between(
         self, wanted: NDArray[np.int64], samples: NDArray[np.int64] | None
-    ) -> NDArray[np.float64] | None:
-        """Poses (N, 4, 4) at stamps `wanted` (N,) between samples (K,) in time, or all of them."""
-        before, after, share, distance = self._around(wanted, samples)
-        if np.any(distance > _FARTHEST_NS):
-            return None
-        return interpolate(self.poses_at(before), self.poses_at(after), share)
-
-    def _each(self, wanted: NDArray[np.int64]) -> dict[int, NDArray[np.float64] | None]:
-        """Stamp -> pose (4, 4), of stamps `wanted` (N,) between sorted samples."""
-        if not len(self):
-            return dict.fromkeys(wanted.tolist())
-        before, after, share, distance = self._around(wanted, None)
-        poses = interpolate(self.poses_at(before), self.poses_at(after), share)
-        known = zip(wanted.tolist(), poses, distance <= _FARTHEST_NS, strict=True)
-        return {stamp: pose.copy() if near else None for stamp, pose, near in known}
-
-    def _around(
-        self, wanted: NDArray[np.int64], samples: NDArray[np.int64] | None
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-        """The samples before and after each of the stamps `wanted`, the share of the way between
-        them, and the nanoseconds to the nearer one, (N,) each; of samples (K,) in time, or all.
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Poses (N, 4, 4) at stamps `wanted` (N,) between samples (K,) in time, or all of them, and
+        whether one of these is near enough (N,).
         """
         stamps = self.stamps_ns if samples is None else self.stamps_ns[samples]
         after = np.minimum(stamps.searchsorted(wanted), len(stamps) - 1)
@@ -188,7 +173,8 @@ class RecordedMotion:
         share = (wanted - stamps[before]) / np.maximum(stamps[after] - stamps[before], 1)
         if samples is not None:
             before, after = samples[before], samples[after]
-        return before, after, np.clip(share, 0.0, 1.0), distance
+        poses = interpolate(self.poses_at(before), self.poses_at(after), np.clip(share, 0.0, 1.0))
+        return poses, distance <= _FARTHEST_NS
 
     def poses_at(self, indices: NDArray[np.int64] | slice) -> NDArray[np.float64]:
         """Poses (N, 4, 4) of samples `indices` (N,), counted in the order of the log."""

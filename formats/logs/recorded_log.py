@@ -7,7 +7,6 @@ command reads all of a log anyway: the index is made by reading the file through
 from __future__ import annotations
 
 import heapq
-from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import replace
@@ -24,8 +23,8 @@ from formats.logs.files import UnpackedFile, hash_files
 from mapmyworld.errors import LogError
 from mapmyworld.types import LogInfo, RawMessage, TopicInfo
 
-# Payloads of blocks that are open together. Beyond it, those needed last are dropped and read
-# again: a log in which every chunk holds one message of a wrong, early time opens all at once.
+# Payloads of blocks that are open together. Beyond it, all others are dropped and read again: a log
+# in which every chunk holds one message of a wrong, early time opens all at once.
 _OPEN_BYTES = 1 << 28
 _TIME = itemgetter(0)
 
@@ -175,21 +174,6 @@ def _added(a: TopicInfo, b: TopicInfo) -> TopicInfo:
     return replace(a, count=a.count + b.count, first_ns=first, last_ns=last)
 
 
-class _Open:
-    """A block that is being handed out; `records` is None while it is dropped."""
-
-    __slots__ = ("block", "records", "size")
-
-    def __init__(self, block: Block, records: list[Record]) -> None:
-        self.block = block
-        self.records: list[Record] | None = records
-        self.size = sum(len(record[2]) for record in records)
-
-
-_Entry = tuple[int, int, int, _Open]
-"""Time of the next record, offset of the block, number of that record, the block."""
-
-
 def in_time_order(
     blocks: Collection[Block],
     read: Callable[[Block], list[Record]],
@@ -197,36 +181,26 @@ def in_time_order(
 ) -> Iterator[Record]:
     """Records by log time; equal times in the order of the file.
 
-    A block is handed out when the time has come at which it starts, and dropped when it is used up,
-    so that only overlapping blocks are in memory together, of those at most `open_bytes` and one.
+    A block is read when the time has come at which it starts, and dropped when it is used up, so
+    that only overlapping blocks are in memory together, of those at most `open_bytes` or one.
     """
-    pending = deque(sorted(blocks, key=lambda block: (block.start_ns, block.offset)))
-    heap: list[_Entry] = []
-    while pending or heap:
-        while pending and (not heap or pending[0].start_ns <= heap[0][0]):
-            block = pending.popleft()
-            records = sorted(read(block), key=_TIME)
-            if records:
-                heapq.heappush(heap, (records[0][0], block.offset, 0, _Open(block, records)))
-                _drop_the_last(heap, open_bytes)
-        if not heap:
-            continue
-        _, offset, number, opened = heapq.heappop(heap)
-        if opened.records is None:
-            opened.records = sorted(read(opened.block), key=_TIME)
-            _drop_the_last(heap, open_bytes - opened.size)
-        yield opened.records[number]
-        if number + 1 < len(opened.records):
-            after = opened.records[number + 1][0]
-            heapq.heappush(heap, (after, offset, number + 1, opened))
-
-
-def _drop_the_last(heap: list[_Entry], open_bytes: int) -> None:
-    """Where open blocks exceed the limit, keeps those needed soonest, up to half of it."""
-    if len(heap) < 2 or sum(e[3].size for e in heap if e[3].records is not None) <= open_bytes:
-        return
-    kept = 0
-    for entry in sorted(heap, key=lambda entry: entry[:2]):
-        kept += entry[3].size
-        if kept > open_bytes // 2:
-            entry[3].records = None
+    block_at = {block.offset: block for block in blocks}
+    opened: dict[int, tuple[list[Record], int]] = {}  # with the bytes that they take
+    # Time and block of the next record, and its number there; -1 before the first is known.
+    heap = [(block.start_ns, block.offset, -1) for block in blocks]
+    heapq.heapify(heap)
+    while heap:
+        _, offset, number = heapq.heappop(heap)
+        if offset not in opened:
+            records = sorted(read(block_at[offset]), key=_TIME)
+            size = sum(len(data) for _, _, data in records)
+            if size + sum(taken for _, taken in opened.values()) > open_bytes:
+                opened.clear()
+            opened[offset] = records, size
+        records, _ = opened[offset]
+        if number >= 0:
+            yield records[number]
+        if number + 1 < len(records):
+            heapq.heappush(heap, (records[number + 1][0], offset, number + 1))
+        else:
+            opened.pop(offset)

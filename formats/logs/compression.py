@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import bz2
 from contextlib import suppress
+from io import BytesIO
+from typing import Any
 
 import lz4.frame
 import zstandard
@@ -22,7 +24,8 @@ def decompress(data: Buffer, compression: str, size: int) -> bytes:
     if not 0 <= size <= limits().chunk_bytes:
         raise DamagedBlockError(f"it claims {size} bytes, more than limits.chunk_mb allows")
     try:
-        plain = _decompress(data, compression, size)
+        with _reader(data, compression) as reader:
+            plain: bytes = reader.read(size + 1)  # so that a lying chunk cannot fill the memory
     except _ERRORS as error:
         raise DamagedBlockError(f"{compression} data damaged ({error})") from error
     if len(plain) != size:
@@ -30,49 +33,29 @@ def decompress(data: Buffer, compression: str, size: int) -> bytes:
     return plain
 
 
-def _decompress(data: Buffer, compression: str, size: int) -> bytes:
-    """At most `size` + 1 bytes, but of what is not compressed."""
-    if compression in {"", "none"}:
-        return bytes(data)
-    if compression == "zstd":
-        # A decompressor of one's own each time: they must not be shared by threads.
-        decompressor = zstandard.ZstdDecompressor()
-        with decompressor.stream_reader(data, read_across_frames=True) as reader:
-            return bytes(reader.read(size + 1))
-    if compression == "lz4":
-        return _bounded(lz4.frame.LZ4FrameDecompressor, data, size)
-    if compression == "bz2":
-        return _bounded(bz2.BZ2Decompressor, data, size)
-    raise DamagedBlockError(f"compression {compression!r} is unknown")
+def decompress_beginning(data: Buffer, compression: str, size: int) -> bytes:
+    """As much of a cut chunk as can be had, at most `size` bytes; possibly nothing."""
+    size, found = min(size, limits().chunk_bytes), bytearray()
+    with suppress(*_ERRORS, DamagedBlockError), _reader(data, compression) as reader:
+        # Of bz2 and lz4, `read` gives nothing where it ends in damage; of zstd, `read1` never ends.
+        read = reader.read if compression == "zstd" else reader.read1
+        while len(found) < size and (block := read(min(size - len(found), 1 << 16))):
+            found += block
+    return bytes(found)
 
 
-_Made = type[lz4.frame.LZ4FrameDecompressor] | type[bz2.BZ2Decompressor]
-
-
-def _bounded(made: _Made, data: Buffer, size: int) -> bytes:
-    """At most `size` + 1 bytes, so that a lying chunk cannot fill the memory.
+def _reader(data: Buffer, compression: str) -> Any:
+    """A file of the plain bytes.
 
     Of all frames, where compressing on several threads left one after the other.
     """
-    decompressor = made()
-    plain = bytes(decompressor.decompress(data, max_length=size + 1))
-    while decompressor.eof and decompressor.unused_data and len(plain) <= size:
-        rest = decompressor.unused_data
-        decompressor = made()
-        part = bytes(decompressor.decompress(rest, max_length=size + 1 - len(plain)))
-        if not part:
-            break
-        plain += part
-    return plain
-
-
-def decompress_beginning(data: bytes, compression: str, size: int) -> bytes:
-    """As much of a cut chunk as can be had, at most `size` bytes; possibly nothing."""
-    size, found = min(size, limits().chunk_bytes), bytearray()
-    with suppress(*_ERRORS, DamagedBlockError):
-        if compression != "zstd":
-            return _decompress(data, compression, size)[:size]
-        with zstandard.ZstdDecompressor().stream_reader(data) as reader:
-            while len(found) < size and (block := reader.read(min(size - len(found), 1 << 16))):
-                found += block
-    return bytes(found)
+    if compression in {"", "none"}:
+        return BytesIO(bytes(data))
+    if compression == "zstd":
+        # A decompressor of one's own each time: they must not be shared by threads.
+        return zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True)
+    if compression == "lz4":
+        return lz4.frame.open(BytesIO(data))
+    if compression == "bz2":
+        return bz2.open(BytesIO(data))
+    raise DamagedBlockError(f"compression {compression!r} is unknown")

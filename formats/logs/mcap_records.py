@@ -123,7 +123,7 @@ def block_messages(data: bytes, definitions: Definitions) -> list[Found]:
     head = parse_chunk_head(data[HEAD_BYTES : HEAD_BYTES + 128])
     stored = memoryview(data)[HEAD_BYTES + head.data_at :]
     if len(data) < HEAD_BYTES + length:
-        plain = decompress_beginning(bytes(stored), head.compression, head.size)
+        plain = decompress_beginning(stored, head.compression, head.size)
         return messages_of(plain, _next_record, definitions, to_the_end=False)
     plain = decompress(stored, head.compression, head.size)
     if head.crc and crc32(plain) != head.crc:

@@ -86,7 +86,7 @@ def block_messages(data: bytes, connections: dict[int, Channel]) -> list[Found]:
     stored, size = memoryview(data)[start:], field_u32(fields, b"size")
     compression = fields.get(b"compression", b"").decode("ascii", "replace")
     if len(stored) < length:
-        plain = decompress_beginning(bytes(stored), compression, size)
+        plain = decompress_beginning(stored, compression, size)
         return messages_of(plain, _next_record, connections, to_the_end=False)
     return messages_of(decompress(stored, compression, size), _next_record, connections)
 

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from sample_verdicts import REJECTED
 
+from mapmyworld.config import Config
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between
+from mapmyworld.places.drift import Drift
 from mapmyworld.places.wheel_check import check_wheels, corrected
 from mapmyworld.types import ConstraintKind, ImageMatch, Judged, Node, Odometry
 
@@ -115,3 +117,20 @@ def test_wheels_off_by_little_or_by_a_slip_are_taken_as_reported() -> None:
         assert check is not None
         assert not check.is_far_off
         assert not any("is scaled" in line for line in check.lines())
+
+
+def test_a_closure_that_wheels_of_a_wrong_track_contradict_is_believed() -> None:
+    """Three times around: each quarter of a turn reported five hundredths too large adds up."""
+    straight, turn = [0.2, 0.0, 0.0], [0.0, 0.0, np.pi / 20.0]
+    steps = np.array(12 * (20 * [straight] + 10 * [turn]))
+    truth, tracked = [np.eye(4)], [np.eye(4)]
+    for step in steps:
+        truth.append(truth[-1] @ planar_to_matrix(step))
+        tracked.append(tracked[-1] @ planar_to_matrix(step * [1.0, 1.0, 1.05]))
+    drift = Drift([Node(k + 1, 0, k * 10**9, pose, pose) for k, pose in enumerate(tracked)])
+    limit = Config().odometry.contradiction
+    sigmas, _, radians = drift.excess(0, len(steps), between(truth[0], truth[-1]))
+    assert radians > 0.9
+    assert sigmas < limit
+    elsewhere = planar_to_matrix(np.array([4.0, 0.0, 0.0]))
+    assert drift.excess(0, 40, between(truth[0], truth[40] @ elsewhere))[0] > limit

@@ -9,16 +9,20 @@ import numpy as np
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
+from mapmyworld.kernels.wheel_model import FIRST_SIGMAS
 from mapmyworld.odometry.recorded_odometry import motion_covariance
 from mapmyworld.types import Constraint, ConstraintKind, Node
+
+_BY_DISTANCE, _BY_ROTATION = FIRST_SIGMAS[4:]  # rad per m, rad per rad
 
 
 class Drift:
     """Expected error of the tracked motion between any two nodes of a session.
 
     A step's is that of wheels, or what its neighbour constraints state where that is more, as
-    after a camera was blind. Errors of heading differ from step to step; those of the distance are
-    alike, as of a wheel's radius.
+    after a camera was blind. Of the heading a part differs from step to step, and a part is alike,
+    as of wheels that are unequal or of a wrong wheelbase (`wheel_model.FIRST_SIGMAS`); of the
+    distance all is, as of a wheel's radius.
     """
 
     def __init__(self, nodes: Sequence[Node], constraints: Sequence[Constraint] = ()) -> None:
@@ -26,17 +30,18 @@ class Drift:
         self._sessions = np.array([node.session for node in nodes])
         steps = between(self._poses[:-1], self._poses[1:])
         lengths = np.linalg.norm(steps[:, :3, 3], axis=1)
+        turns = rotation_angle(steps)
         stated = np.diff(_stated_variances(nodes, constraints), axis=0)
         by_wheels = [motion_covariance(step, planar=False).diagonal()[[0, 3]] for step in steps]
         turned, moved = np.maximum(np.reshape(by_wheels, (-1, 2)), stated).T
-        self._up_to = np.cumsum(np.stack([lengths, np.sqrt(moved), turned]), axis=1)
-        self._up_to = np.concatenate([np.zeros((3, 1)), self._up_to], axis=1)
+        self._up_to = np.cumsum(np.stack([lengths, turns, np.sqrt(moved), turned]), axis=1)
+        self._up_to = np.concatenate([np.zeros((4, 1)), self._up_to], axis=1)
 
     def sigmas(self, i: int, j: int) -> tuple[float, float]:
         """Standard deviations (m, rad) of the tracked motion from node index i to j."""
-        path, moved, turned = np.abs(self._up_to[:, i] - self._up_to[:, j])
-        lever = min(path / 4.0, 10.0)
-        return float(moved + np.sqrt(turned) * lever), float(np.sqrt(turned))
+        path, turns, moved, turned = np.abs(self._up_to[:, i] - self._up_to[:, j])
+        rotation = float(np.sqrt(turned + (_BY_DISTANCE * path) ** 2 + (_BY_ROTATION * turns) ** 2))
+        return float(moved + rotation * min(path / 4.0, 10.0)), rotation
 
     def comparable(self, i: int, j: int) -> bool:
         """Whether tracking connects two nodes at all: it does within a session."""

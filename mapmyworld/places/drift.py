@@ -11,18 +11,19 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.kernels.wheel_model import FIRST_SIGMAS
 from mapmyworld.odometry.recorded_odometry import motion_covariance
-from mapmyworld.types import Constraint, ConstraintKind, Node
+from mapmyworld.types import Constraint, ConstraintKind, CorrectedOdometry, Node, Odometry
 
-_BY_DISTANCE, _BY_ROTATION = FIRST_SIGMAS[4:]  # rad per m, rad per rad
+_HEADING = np.diag(FIRST_SIGMAS[4:])  # by distance, rad per m, and by rotation, rad per rad
+_WHEELS = Odometry, CorrectedOdometry  # tracked poses are not corrected
 
 
 class Drift:
     """Expected error of the tracked motion between any two nodes of a session.
 
     A step's is that of wheels, or what its neighbour constraints state where that is more, as
-    after a camera was blind. Of the heading a part differs from step to step, and a part is alike,
-    as of wheels that are unequal or of a wrong wheelbase (`wheel_model.FIRST_SIGMAS`); of the
-    distance all is, as of a wheel's radius.
+    after a camera was blind. Errors of heading differ from step to step; those of the distance are
+    alike, as of a wheel's radius. Where wheels measured the motion its heading has such errors as
+    well, as of unequal wheels and of a wrong wheelbase (`wheel_model.FIRST_SIGMAS`).
     """
 
     def __init__(self, nodes: Sequence[Node], constraints: Sequence[Constraint] = ()) -> None:
@@ -30,17 +31,19 @@ class Drift:
         self._sessions = np.array([node.session for node in nodes])
         steps = between(self._poses[:-1], self._poses[1:])
         lengths = np.linalg.norm(steps[:, :3, 3], axis=1)
-        turns = rotation_angle(steps)
         stated = np.diff(_stated_variances(nodes, constraints), axis=0)
-        by_wheels = [motion_covariance(step, planar=False).diagonal()[[0, 3]] for step in steps]
-        turned, moved = np.maximum(np.reshape(by_wheels, (-1, 2)), stated).T
-        self._up_to = np.cumsum(np.stack([lengths, turns, np.sqrt(moved), turned]), axis=1)
-        self._up_to = np.concatenate([np.zeros((4, 1)), self._up_to], axis=1)
+        by_model = [motion_covariance(step, planar=False).diagonal()[[0, 3]] for step in steps]
+        turned, moved = np.maximum(np.reshape(by_model, (-1, 2)), stated).T
+        by_wheels = {c.to_id for c in constraints if isinstance(c.source, _WHEELS)}
+        alike = _HEADING @ np.stack([lengths, rotation_angle(steps)])
+        alike *= [node.id in by_wheels for node in nodes[1:]]
+        self._up_to = np.cumsum(np.stack([lengths, np.sqrt(moved), turned, *alike]), axis=1)
+        self._up_to = np.concatenate([np.zeros((5, 1)), self._up_to], axis=1)
 
     def sigmas(self, i: int, j: int) -> tuple[float, float]:
         """Standard deviations (m, rad) of the tracked motion from node index i to j."""
-        path, turns, moved, turned = np.abs(self._up_to[:, i] - self._up_to[:, j])
-        rotation = float(np.sqrt(turned + (_BY_DISTANCE * path) ** 2 + (_BY_ROTATION * turns) ** 2))
+        path, moved, turned, *alike = np.abs(self._up_to[:, i] - self._up_to[:, j]).tolist()
+        rotation = float(np.hypot(np.sqrt(turned), np.hypot(*alike)))
         return float(moved + rotation * min(path / 4.0, 10.0)), rotation
 
     def comparable(self, i: int, j: int) -> bool:

@@ -55,7 +55,7 @@ def test_odometry_that_never_moves_is_left_out() -> None:
     scans = [entry for entry in with_mount(drive()) if entry[0] != "/odom"]
     plan = plan_of([*scans, *still])
     assert plan.odometry is None
-    assert "/odom says that the robot never moved: left out" in plan.warnings
+    assert "/odom reports that the robot never moved: left out" in plan.warnings
     moving = [("/wheels", m, t) for topic, m, t in drive() if topic == "/odom"]
     plan = plan_of([*scans, *still, *moving])
     assert plan.odometry is not None

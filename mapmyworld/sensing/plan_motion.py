@@ -96,7 +96,7 @@ def _candidates(draft: Draft, base: str) -> list[tuple[float, OdometrySource, st
         score = 3.0 if is_called(edge.parent, ODOMS) else 1.5
         found.append((score, source, f"{len(edge.motion)} transforms"))
     still = [source.name for _, source, _ in found if not source.motion.moves]
-    draft.warnings += [f"{name} says that the robot never moved: left out" for name in still]
+    draft.warnings += [f"{name} reports that the robot never moved: left out" for name in still]
     return [item for item in found if item[1].motion.moves]
 
 

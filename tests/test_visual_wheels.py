@@ -11,7 +11,7 @@ import pytest
 from sample_verdicts import REJECTED
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.planar import planar_to_matrix
+from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.places.drift import Drift
 from mapmyworld.places.wheel_check import check_wheels, corrected
@@ -74,6 +74,26 @@ def test_a_few_images_indicate_nothing() -> None:
     assert check_wheels(nodes, seen[:10]) is None
 
 
+def test_unequal_wheels_are_measured_and_taken_out() -> None:
+    """They turn the robot by a degree and a half a metre, also straight on."""
+    nodes, seen = drive(0.0, 0.0, 0.0)
+    bent, bend = [np.eye(4)], np.radians(1.5)
+    for a, b in pairwise(nodes):
+        step = matrix_to_planar(between(a.odom_from_base, b.odom_from_base))
+        bent.append(bent[-1] @ planar_to_matrix(step - [0.0, 0.0, bend * step[0]]))
+    nodes = [replace(n, odom_from_base=pose) for n, pose in zip(nodes, bent, strict=True)]
+    check = check_wheels(nodes, seen)
+    assert check is not None
+    assert check.is_far_off
+    assert check.rad_per_m == pytest.approx(bend, rel=0.03)
+    assert check.slips == ()
+    steps = reported(nodes)
+    mended = [c for c in corrected(steps, check) if c.accepted]
+    truth = between(nodes[0].tracked_from_base, nodes[-1].tracked_from_base)
+    errors = [matrix_to_planar(between(truth, end_of(some))) for some in (steps, mended)]
+    assert abs(errors[1][2]) < 0.1 * abs(errors[0][2])
+
+
 def test_refused_pairs_and_longer_steps_do_not_count() -> None:
     nodes, seen = drive(0.0, 0.0, 0.0)
     refused = [c.judged(REJECTED) for c in seen]
@@ -101,7 +121,7 @@ def test_what_all_motions_share_in_error_is_taken_out(distance: float, turn: flo
     check, wheels = check_wheels(nodes, seen), reported(nodes)
     assert check is not None
     assert check.is_far_off
-    assert "recorded odometry is scaled" in check.lines()[-1]
+    assert "recorded odometry is corrected" in check.lines()[-1]
     mended = corrected([*wheels, *seen], check)
     count = len(wheels)
     assert all(c.is_superseded for c in mended[:count])
@@ -116,7 +136,7 @@ def test_wheels_off_by_little_or_by_a_slip_are_taken_as_reported() -> None:
         check = check_wheels(*drive(*shares))
         assert check is not None
         assert not check.is_far_off
-        assert not any("is scaled" in line for line in check.lines())
+        assert not any("is corrected" in line for line in check.lines())
 
 
 def test_a_closure_that_wheels_of_a_wrong_track_contradict_is_believed() -> None:

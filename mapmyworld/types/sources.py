@@ -26,6 +26,8 @@ class CorrectedOdometry:
 
     distance_share: float
     turn_share: float
+    rad_per_m: float = 0.0
+    """By which its heading turned away with the distance."""
 
 
 LOST = "lost"

@@ -22,8 +22,8 @@ from mapmyworld.types.verdicts import Verdict, Why
 _SOURCES: Mapping[type[Source], str] = {
     Given: "{by}",
     Odometry: "recorded odometry",
-    CorrectedOdometry: "recorded odometry, by images {distance_share:+.1%} of distance and "
-    "{turn_share:+.1%} of rotation",
+    CorrectedOdometry: "recorded odometry, by images {distance_share:+.1%} of distance, "
+    "{turn_share:+.1%} of rotation and {rad_per_m:+.4f} rad per m",
     LaserTracking: "scan matching: {state}, overlap {overlap:.0%}",
     CameraTracking: "visual odometry: {state}, {inliers} inliers",
     Particles: "path of the best particle",

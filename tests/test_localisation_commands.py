@@ -94,6 +94,14 @@ def test_a_log_is_localised_and_the_map_is_left_alone(folder: Path, tmp_path: Pa
     assert off.max() < 0.1
 
 
+def test_what_is_missing_of_a_cut_log_is_reported_once(folder: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((folder / "two.mcap").read_bytes()[:-8])
+    found = run("localise", folder / "one.db", cut, "-o", tmp_path / "path.tum")
+    assert found.exit_code == 3, found.output
+    assert found.stderr.count("the recording was not closed") == 1
+
+
 def test_the_csv_indicates_state_pose_and_correction(folder: Path, tmp_path: Path) -> None:
     run("localise", folder / "one.db", folder / "two.mcap", "-o", tmp_path / "path.csv", "-q")
     with (tmp_path / "path.csv").open() as stream:

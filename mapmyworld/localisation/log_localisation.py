@@ -35,8 +35,8 @@ def localise_log(
     estimates = localiser.follow(made_ahead(frames))
     for note in localiser.notes:
         progress.note(note)
-    losses = (*plan.losses, *log.info().problems)
-    return Localisation(tuple(estimates), tuple(localiser.notes), losses)
+    losses = dict.fromkeys((*plan.losses, *log.info().problems))
+    return Localisation(tuple(estimates), tuple(localiser.notes), tuple(losses))
 
 
 def _localiser(

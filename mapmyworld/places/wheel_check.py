@@ -28,7 +28,7 @@ _SLIP_SIGMAS = 5.0  # robust sigmas beyond which wheels and images contradict ea
 _BELIEVED = 0.02  # share up to which wheels are taken as reported: it adds up to less than slips do
 _LEAST_TURN = 0.5  # rad in all, from which a share of it can be reported
 _MEDIAN = 0.6745  # standard deviations that half of all stay within
-_METRES = FIRST_SIGMAS[5] / FIRST_SIGMAS[4]  # that turn a heading away as a share of a radian does
+_METRES_PER_RADIAN = FIRST_SIGMAS[5] / FIRST_SIGMAS[4]  # by as much the heading may err by either
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,9 @@ class WheelCheck:
     @property
     def is_far_off(self) -> bool:
         """Whether the same share is wrong in every motion by so much that it must be taken out."""
-        shares = np.nan_to_num([self.distance_share, self.turn_share, _METRES * self.rad_per_m])
+        shares = np.nan_to_num(
+            [self.distance_share, self.turn_share, _METRES_PER_RADIAN * self.rad_per_m]
+        )
         return bool(np.abs(shares).max() > _BELIEVED)
 
     def lines(self) -> tuple[str, ...]:
@@ -73,7 +75,7 @@ class WheelCheck:
             f"per m; scatter {1000 * self.scatter_m:.1f} mm, "
             f"{np.degrees(self.scatter_rad):.2f} deg; {len(self.slips)} contradictions"
         )
-        taken = ["recorded odometry is corrected by these"] if self.is_far_off else []
+        taken = ["recorded odometry is corrected accordingly"] if self.is_far_off else []
         worst = sorted(self.slips, key=lambda s: -s.metres - s.radians)[:NAMED]
         slips = [
             f"at {s.stamp_ns * 1e-9:.2f} s recorded and visual odometry differ by "
@@ -118,13 +120,13 @@ def check_wheels(nodes: Sequence[Node], constraints: Sequence[Judged]) -> WheelC
 
 
 def corrected(constraints: Sequence[Judged], check: WheelCheck) -> list[Judged]:
-    """The constraints; motions that wheels measured are scaled by the shares of `check`.
+    """The constraints; motions that wheels measured are corrected by `check`.
 
     The model of wheels takes one motion's error to know nothing of the next one's. An error that
     all motions share adds up much faster where images measure none of them.
     """
     distance, turn = np.nan_to_num([check.distance_share, check.turn_share]).tolist()
-    source = CorrectedOdometry(distance, turn, check.rad_per_m)
+    source = CorrectedOdometry(distance, turn, float(np.degrees(check.rad_per_m)))
     verdict = Verdict(Judge.CAMERA, False, Why.CORRECTED)
 
     def mended(motion: Array) -> Array:

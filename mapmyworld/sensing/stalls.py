@@ -5,12 +5,14 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between, interpolate, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.sensing.motion import RecordedMotion
 
-_FASTEST = 0.99  # quantile of the log's own speeds that a reset exceeds by far
+_RARE = 0.99  # quantile of the log's own speeds and intervals: what exceeds it is seldom
 _SLOW = 0.25  # quantile of the same that is a slow one
 _FEWEST = 50  # steps from which speeds are known
 _GRAVITY = 9.81  # m/s^2
@@ -68,7 +70,7 @@ def without_resets(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
     usual = (metres > 0.0) & (seconds > 0.0)
     if np.count_nonzero(usual) < _FEWEST:
         return motion, 0
-    fastest = np.quantile(speeds[usual], _FASTEST)
+    fastest = np.quantile(speeds[usual], _RARE)
     resets = np.flatnonzero((metres > _RESET[0]) & (speeds > _RESET[1] * fastest)) + 1
     if not len(resets):
         return motion, 0
@@ -91,21 +93,9 @@ def without_losses(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
     if len(motion) < _FEWEST or not motion.is_sorted:
         return motion, 0
     poses, stamps = motion.poses_at(slice(None)), motion.stamps_ns
-    intervals = np.diff(stamps)
-    late = np.quantile(intervals, _FASTEST)
-    begins = np.flatnonzero(intervals > late)
-    # What had to wait comes at once, after the silence.
-    ends = stamps.searchsorted(stamps[begins + 1] + round(intervals.mean()), "right") - 1
-    silence = stamps[ends] - stamps[begins]
-    way = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).cumsum()
-    way = np.concatenate([[0.0], way])
-    before = way[begins] - np.interp(stamps[begins] - silence, stamps, way)
-    after = np.interp(stamps[ends] + silence, stamps, way) - way[ends]
-    driven = np.minimum(before, after)
-    braking = _GRAVITY * (0.5e-9 * silence) ** 2  # at most, to a stand and up again
-    lost = driven - (way[ends] - way[begins]) > braking + driven * late / silence
-    continued, interpolated = poses.copy(), np.zeros(len(poses), np.bool_)
-    for begin, end, lasts in zip(begins[lost], ends[lost], silence[lost], strict=True):
+    continued, interpolated, found = poses.copy(), np.zeros(len(poses), np.bool_), 0
+    for begin, end in _lossy_silences(poses, stamps):
+        lasts = stamps[end] - stamps[begin]
         around = motion.at_many(np.array([stamps[begin] - lasts, stamps[end] + lasts]))
         if around is None:
             continue
@@ -114,6 +104,25 @@ def without_losses(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
         share = (stamps[inside] - stamps[begin]) / lasts
         continued[end:] = continued[begin] @ step @ between(poses[end], poses[end:])
         continued[inside] = interpolate(continued[begin], continued[end], share)
-        interpolated[inside] = True
-    found = int(np.count_nonzero(interpolated[begins + 1]))
+        interpolated[inside], found = True, found + 1
     return motion.with_poses(continued, interpolated), found
+
+
+def _lossy_silences(poses: Array, stamps_ns: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """The poses, of (N, 4, 4) at `stamps_ns` (N,), between which odometry was silent and lost some
+    way: the last one before, and the last of those that had to wait and come all at once after.
+    """
+    intervals = np.diff(stamps_ns)
+    late = np.quantile(intervals, _RARE)
+    begins = np.flatnonzero(intervals > late)
+    soon = stamps_ns[begins + 1] + round(intervals.mean())
+    ends = stamps_ns.searchsorted(soon, "right") - 1
+    silence = stamps_ns[ends] - stamps_ns[begins]
+    steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    way = np.concatenate([[0.0], steps.cumsum()])
+    before = way[begins] - np.interp(stamps_ns[begins] - silence, stamps_ns, way)
+    after = np.interp(stamps_ns[ends] + silence, stamps_ns, way) - way[ends]
+    driven = np.minimum(before, after)
+    braking = _GRAVITY * (0.5e-9 * silence) ** 2  # at most, to a stand and up again
+    lost = driven - (way[ends] - way[begins]) > braking + driven * late / silence
+    return list(zip(begins[lost].tolist(), ends[lost].tolist(), strict=True))

@@ -22,12 +22,12 @@ class Odometry:
 
 @dataclass(frozen=True, slots=True)
 class CorrectedOdometry:
-    """Recorded odometry, lengthened by the shares by which images found it too short."""
+    """Recorded odometry, corrected by what images showed all of it to be off by."""
 
     distance_share: float
     turn_share: float
-    rad_per_m: float = 0.0
-    """By which its heading turned away with the distance."""
+    degrees_per_m: float = 0.0
+    """Of heading, by distance."""
 
 
 LOST = "lost"

@@ -23,7 +23,7 @@ _SOURCES: Mapping[type[Source], str] = {
     Given: "{by}",
     Odometry: "recorded odometry",
     CorrectedOdometry: "recorded odometry, by images {distance_share:+.1%} of distance, "
-    "{turn_share:+.1%} of rotation and {rad_per_m:+.4f} rad per m",
+    "{turn_share:+.1%} of rotation and {degrees_per_m:+.2f} deg per m",
     LaserTracking: "scan matching: {state}, overlap {overlap:.0%}",
     CameraTracking: "visual odometry: {state}, {inliers} inliers",
     Particles: "path of the best particle",

@@ -109,7 +109,6 @@ BY_WORDS = {
     "visual tracking lost": "light the place, turn slowly, or record wheels as well",
     "recorded and visual odometry differ": "see whether wheels slipped or something moved in view",
     "stamps are shifted by": "nothing; or correct the stamps where they are made",
-    "recorded odometry is corrected accordingly": "nothing; or calibrate the wheels",
     "recorded odometry against visual odometry": "nothing; or calibrate the wheels",
     "no depth image near their stamp": "raise sensing.image_tolerance, or have stamps corrected",
     "frames could not be decoded": "check the driver; the sound messages are used",

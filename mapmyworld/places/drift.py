@@ -14,7 +14,8 @@ from mapmyworld.odometry.recorded_odometry import motion_covariance
 from mapmyworld.types import Constraint, ConstraintKind, CorrectedOdometry, Node, Odometry
 
 _HEADING = np.diag(FIRST_SIGMAS[4:])  # by distance, rad per m, and by rotation, rad per rad
-_WHEELS = Odometry, CorrectedOdometry  # tracked poses are not corrected
+WHEELS = Odometry, CorrectedOdometry
+"""Sources of motions that wheels measured."""
 
 
 class Drift:
@@ -34,7 +35,7 @@ class Drift:
         stated = np.diff(_stated_variances(nodes, constraints), axis=0)
         by_model = [motion_covariance(step, planar=False).diagonal()[[0, 3]] for step in steps]
         turned, moved = np.maximum(np.reshape(by_model, (-1, 2)), stated).T
-        by_wheels = {c.to_id for c in constraints if isinstance(c.source, _WHEELS)}
+        by_wheels = {c.to_id for c in constraints if isinstance(c.source, WHEELS)}
         alike = _HEADING @ np.stack([lengths, rotation_angle(steps)])
         alike *= [node.id in by_wheels for node in nodes[1:]]
         self._up_to = np.cumsum(np.stack([lengths, np.sqrt(moved), turned, *alike]), axis=1)

@@ -29,6 +29,7 @@ from mapmyworld.types import Judge, Registration, Verdict, Why
 
 _LARGEST_TRANSLATION = 0.065  # m, no closure is less certain: three sigma are 0.2 m
 _LARGEST_ROTATION = 0.006  # rad, no closure is less certain: three sigma are a degree
+_UNKNOWNS = 6.0  # of a pose
 _CORRELATED = 2.0  # features of one image err alike: each is worth half of what it seems
 # What no residual shows: shutter, colour and depth at different moments, calibration (rad, m).
 _FLOOR = np.array([0.002, 0.002, 0.002, 0.003, 0.003, 0.003])
@@ -116,7 +117,8 @@ def _judged(
     mine, theirs, agreed = matched
     count = int(np.count_nonzero(agreed))
     squared = errors(pose, sightings)[agreed, 0]
-    scale = max(float(np.mean(squared)) / 2.0 if count else np.inf, 1.0)
+    left = float(squared.sum()) + _UNKNOWNS  # what the pose took out of them
+    scale = left / (2.0 * count) if count else np.inf  # the variance factor
     camera_from_base = invert(b.camera.base_from_camera)
     adjoint = se3_adjoint(camera_from_base)  # a base's tangent, seen in the camera
     information = adjoint.T @ information @ adjoint / (scale * _CORRELATED)

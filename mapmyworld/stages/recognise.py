@@ -104,10 +104,12 @@ def _check_wheels(store: MapStore, progress: Progress, *, alone: bool) -> None:
     if store.tracked_frames().odom_from_base is None:
         return
     from mapmyworld.places.wheel_check import check_wheels, corrected
+    from mapmyworld.sensing.plan import moves_in_plane
 
-    check = check_wheels(store.nodes(), store.constraints())
-    if check is not None and check.is_far_off and alone:
-        store.judge(corrected(store.constraints(), check))
+    nodes = store.nodes()
+    check = check_wheels(nodes, store.constraints())
+    if check is not None and alone and moves_in_plane(store):
+        store.judge(corrected(nodes, store.constraints(), check))
     lines = () if check is None else check.lines()
     store.put("wheels", {"notes": lines})
     for line in lines:

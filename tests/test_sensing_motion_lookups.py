@@ -53,18 +53,3 @@ def test_beams_move_in_straight_lines_between_knots(knots: int) -> None:
         share = i * step - lower
         a, b = (transform_points(moved[k], point[None])[0] for k in (lower, lower + 1))
         np.testing.assert_allclose(found[i], (1 - share) * a + share * b, atol=1e-12)
-
-
-def test_looking_up_several_stamps_together_changes_no_pose() -> None:
-    """Nor which have none: those in the middle of the gap, and behind the end."""
-    random = np.random.default_rng(5)
-    poses = np.stack([se3_exp(tangent) for tangent in random.normal(size=(20, 6))])
-    stamps = np.arange(20) * 10**8 + (np.arange(20) >= 10) * 2 * 10**9
-    wanted = [*random.integers(-(10**8), 5 * 10**9, 200).tolist(), stamps[3], stamps[3]]
-    alone = [RecordedMotion(stamps, poses[:, :3]).at(stamp) for stamp in wanted]
-    motion = RecordedMotion(stamps, poses[:, :3])
-    together = [motion.at(stamp, wanted[k + 1 : k + 9]) for k, stamp in enumerate(wanted)]
-    assert {one is None for one in alone} == {True, False}
-    for one, other in zip(alone, together, strict=True):
-        assert (one is None) == (other is None)
-        assert one is None or one.tobytes() == other.tobytes()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
@@ -73,7 +72,6 @@ class RecordedMotion:
         self._values = np.ascontiguousarray(values)
         self.is_sorted = bool(np.all(np.diff(stamps_ns) >= 0)) if len(stamps_ns) else True
         self._last = 0
-        self._ahead: dict[int, NDArray[np.float64] | None] = {}
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -126,53 +124,33 @@ class RecordedMotion:
         """Metres from pose to pose, in the order in which they are."""
         return float(np.linalg.norm(np.diff(self._values[:, :, 3], axis=0), axis=1).sum())
 
-    def at(self, stamp_ns: int, soon: Iterable[int] = ()) -> NDArray[np.float64] | None:
+    def at(self, stamp_ns: int) -> NDArray[np.float64] | None:
         """The pose (4, 4) at a stamp, interpolated; the end pose just outside the record.
 
-        None where the nearest sample is further than half a second away. Stamps that will be asked
-        for `soon` are looked up with it, which takes a fraction of the time.
+        None where the nearest sample is further than half a second away.
         """
         exact = self._samples_at(stamp_ns)
         if len(exact):
             nearest = np.abs(exact - self._last).argmin() if len(exact) > 1 else 0
             self._last = int(exact[nearest])
             return np.asarray(transforms_of_rows(self._values[self._last])[0])
-        if not self.is_sorted or not len(self):
-            found = self.at_many(np.array([stamp_ns], np.int64))
-            # A copy: a view would keep the whole window of samples alive with every frame.
-            return None if found is None else np.array(found[0])
-        if stamp_ns not in self._ahead:
-            wanted = np.array([stamp_ns, *soon], np.int64)
-            looked_up = zip(wanted.tolist(), *self._between(wanted, None), strict=True)
-            self._ahead = {at: pose.copy() if near else None for at, pose, near in looked_up}
-        return self._ahead.pop(stamp_ns)
+        found = self.at_many(np.array([stamp_ns], np.int64))
+        return None if found is None else found[0]
 
     def at_many(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64] | None:
         """Poses (N, 4, 4) at stamps (N,) close to one another; None unless all are covered."""
         if not len(self):
             return None
-        in_time = None
-        if not self.is_sorted:
-            window = self._window(int(stamps_ns[0]))
-            in_time = window[np.argsort(self.stamps_ns[window], kind="stable")]
-        poses, near = self._between(stamps_ns, in_time)
-        return poses if near.all() else None
-
-    def _between(
-        self, wanted: NDArray[np.int64], samples: NDArray[np.int64] | None
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Poses (N, 4, 4) at stamps `wanted` (N,) between samples (K,) in time, or all of them, and
-        whether one of these is near enough (N,).
-        """
-        stamps = self.stamps_ns if samples is None else self.stamps_ns[samples]
-        after = np.minimum(stamps.searchsorted(wanted), len(stamps) - 1)
-        before = np.maximum(np.where(stamps[after] > wanted, after - 1, after), 0)
-        distance = np.minimum(np.abs(stamps[before] - wanted), np.abs(stamps[after] - wanted))
-        share = (wanted - stamps[before]) / np.maximum(stamps[after] - stamps[before], 1)
-        if samples is not None:
-            before, after = samples[before], samples[after]
-        poses = interpolate(self.poses_at(before), self.poses_at(after), np.clip(share, 0.0, 1.0))
-        return poses, distance <= _FARTHEST_NS
+        samples = slice(None) if self.is_sorted else self._window(int(stamps_ns[0]))
+        stamps, values = self.stamps_ns[samples], self._values[samples]
+        after = np.minimum(stamps.searchsorted(stamps_ns), len(stamps) - 1)
+        before = np.maximum(np.where(stamps[after] > stamps_ns, after - 1, after), 0)
+        since, until = stamps_ns - stamps[before], stamps[after] - stamps_ns
+        if (np.minimum(np.abs(since), np.abs(until)) > _FARTHEST_NS).any():
+            return None
+        share = np.clip(since / np.maximum(since + until, 1), 0.0, 1.0)
+        ends = transforms_of_rows(values[before]), transforms_of_rows(values[after])
+        return interpolate(*ends, share)
 
     def poses_at(self, indices: NDArray[np.int64] | slice) -> NDArray[np.float64]:
         """Poses (N, 4, 4) of samples `indices` (N,), counted in the order of the log."""
@@ -193,7 +171,7 @@ class RecordedMotion:
         return order, self.stamps_ns[order]
 
     def _window(self, stamp_ns: int) -> NDArray[np.int64]:
-        """Samples around where `stamp_ns` lies, nearest to the last look-up."""
+        """Samples around where `stamp_ns` lies, nearest to the last look-up, sorted by stamp."""
         exact = self._samples_at(stamp_ns)
         if len(exact):
             centre = int(exact[np.argmin(np.abs(exact - self._last))])
@@ -202,4 +180,5 @@ class RecordedMotion:
             near = self.stamps_ns[low : self._last + 16 * _NEARBY]
             centre = low + int(np.argmin(np.abs(near - stamp_ns)))
         self._last = centre
-        return np.arange(max(centre - _NEARBY, 0), min(centre + _NEARBY + 1, len(self)))
+        window = np.arange(max(centre - _NEARBY, 0), min(centre + _NEARBY + 1, len(self)))
+        return window[np.argsort(self.stamps_ns[window], kind="stable")]

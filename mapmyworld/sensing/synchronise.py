@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -35,7 +34,6 @@ from mapmyworld.types import (
 _WAIT_NS = 500_000_000  # log time by which a late sensor's message must have come
 _KEPT_NS = 4 * _WAIT_NS  # log time for which messages wait for the frame they belong to
 _FIX_NS = 1_000_000_000  # after which a fix indicates nothing about where the robot is
-_SOON = 64  # frames that wait, of which the odometry is looked up with the one before them
 _MOST_MEASURED = 1e6  # rad/s or m/s^2
 _MOST_SAMPLES = 1 << 14  # inertial samples and true poses that wait where no frame comes
 
@@ -158,8 +156,7 @@ class _Synchroniser:
         while self.imu and self.imu[0].stamp_ns <= main.stamp_ns:
             imu.append(self.imu.popleft())
         images = [image, *(self._image_near(camera, main.stamp_ns) for camera in others)]
-        soon = (waiting.stamp_ns for waiting in itertools.islice(self.main, _SOON))
-        pose = odometry.motion.at(main.stamp_ns, soon) if odometry else None
+        pose = odometry.motion.at(main.stamp_ns) if odometry else None
         if odometry is not None and pose is None:
             self.counts.without_odometry += 1
         truth, fix = nearest(self.truth, main.stamp_ns, self.config.frame_tolerance), self.fix

@@ -5,20 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from dataclasses import dataclass as message_type
-else:
-
-    def message_type(**settings: bool) -> Callable[[type], type]:
-        """A dataclass frozen for those who check types: what guards one at run time doubles the
-        time of making it, and logs hold millions of messages.
-        """
-        return dataclass(**{**settings, "frozen": False})
 
 
 class MessageKind(StrEnum):
@@ -37,7 +27,7 @@ class MessageKind(StrEnum):
     OTHER = "other"
 
 
-@message_type(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ImageMessage:
     """A colour, grey or depth image whose pixels are decoded when asked for."""
 
@@ -60,7 +50,7 @@ class ImageMessage:
         return self.encoding.upper() in {"16UC1", "32FC1", "MONO16", "Z16"}
 
 
-@message_type(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class CameraInfoMessage:
     """Intrinsics of a camera, as recorded."""
 
@@ -81,7 +71,7 @@ class CameraInfoMessage:
     """(3, 4), P."""
 
 
-@message_type(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class LaserScanMessage:
     """One planar sweep as recorded; ranges may hold NaN, inf, 0 or a no-return value."""
 
@@ -101,7 +91,7 @@ class LaserScanMessage:
     """(N,) or (0,)."""
 
 
-@message_type(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class PointCloudMessage:
     """Points (N, 3) float32 metres of the sensor frame, rows with NaN left out."""
 
@@ -113,7 +103,7 @@ class PointCloudMessage:
     """(N, 3) RGB."""
 
 
-@message_type(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class OdometryMessage:
     """Pose of `child_frame_id` in `frame_id`, with covariances in ROS order (translation first)."""
 
@@ -131,7 +121,7 @@ class OdometryMessage:
     """(6, 6)."""
 
 
-@message_type(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ImuMessage:
     """Turning rates and accelerations."""
 
@@ -146,7 +136,7 @@ class ImuMessage:
     """(3,) m/s^2."""
 
 
-@message_type(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class TransformStamped:
     """`parent_from_child` (4, 4) at a time."""
 
@@ -156,7 +146,7 @@ class TransformStamped:
     parent_from_child: NDArray[np.float64]
 
 
-@message_type(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class TransformsMessage:
     """Poses of frames in frames, as tf has them."""
 
@@ -170,7 +160,7 @@ class TransformsMessage:
         return self.transforms[0].stamp_ns if self.transforms else 0
 
 
-@message_type(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class PoseMessage:
     """A pose with covariance (6, 6; translation first), as a localiser gives it."""
 
@@ -183,7 +173,7 @@ class PoseMessage:
     """(6, 6), translation first."""
 
 
-@message_type(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class GpsMessage:
     """A position on earth; latitude and longitude are NaN where the receiver had no fix."""
 
@@ -196,7 +186,7 @@ class GpsMessage:
     error: float  # m, standard deviation
 
 
-@message_type(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class TextMessage:
     """A text."""
 
@@ -219,7 +209,7 @@ Message = (
 )
 
 
-@message_type(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class RawMessage:
     """One record of a log; `decode()` gives its typed message or raises `LogError`."""
 

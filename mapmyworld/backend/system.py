@@ -11,6 +11,9 @@ from mapmyworld.backend.connected_components import held_nodes
 from mapmyworld.backend.landmarks import sighting_residuals
 from mapmyworld.backend.residuals import edge_residuals, squared_sigmas
 from mapmyworld.geometry import Array, Index
+from mapmyworld.geometry.planar import planar_exp
+from mapmyworld.geometry.rigid import se3_exp
+from mapmyworld.geometry.rotations import rotation_angle
 
 Objects = NDArray[np.object_]
 
@@ -140,3 +143,13 @@ def fit_of(system: System, poses: Array) -> Fit:
 def edge_chi2(system: System, poses: Array) -> Array:
     """(E,) squared sigmas of every edge at `poses` (N, 3 or 4, 4)."""
     return fit_of(system, poses).squares
+
+
+def missed_by(system: System, poses: Array) -> tuple[Array, Array]:
+    """Metres and degrees, (E,) both, by which every edge is missed at `poses` (N, 3 or 4, 4)."""
+    residuals = fit_of(system, poses).residuals
+    if system.planar:
+        motion = planar_exp(residuals)
+        return np.linalg.norm(motion[:, :2], axis=1), np.degrees(np.abs(motion[:, 2]))
+    motion = se3_exp(residuals)
+    return np.linalg.norm(motion[:, :3, 3], axis=1), np.degrees(rotation_angle(motion))

@@ -8,13 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from mapmyworld.backend.connected_components import positions
-from mapmyworld.backend.residuals import edge_residuals, squared_sigmas
+from mapmyworld.backend.system import edge_chi2, missed_by
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import PLANAR_IN_TANGENT, information_to_planar
-from mapmyworld.geometry.rigid import between
-from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.types import OF_ONE_NODE, ConstraintKind, Judged, Poses
+from mapmyworld.graph.constraint_system import stated_system
+from mapmyworld.types import OF_ONE_NODE, Constraint, ConstraintKind, Judged, Poses
 
 _OVERCONFIDENT = 2.0  # times larger than stated: errors from which a kind is called over-confident
 
@@ -33,36 +30,21 @@ def residuals_against(
     constraints: Sequence[Judged], poses: Poses, planar: bool
 ) -> tuple[ConstraintResidual | None, ...]:
     """Every constraint against the solved poses, accepted or not; None where a node is missing."""
-    order = np.argsort(poses.ids, kind="stable")
-    known = poses.ids[order]
+    known = set(poses.ids.tolist())
     found: list[ConstraintResidual | None] = [None] * len(constraints)
-    ends = np.array([(c.from_id, c.to_id) for c in constraints], np.int64).reshape(-1, 2)
-    places = positions(known, ends.ravel()).reshape(-1, 2)
-    sound = np.array(
-        [np.isfinite(c.i_from_j).all() and np.isfinite(c.information).all() for c in constraints],
-        np.bool_,
-    )
-    usable = np.flatnonzero((places >= 0).all(axis=1) & sound)
-    if len(usable) == 0:
-        return tuple(found)
-    matrices = poses.map_from_node[order]
-    tails = matrices[places[usable, 0]]
-    tails[ends[usable, 0] == ends[usable, 1]] = np.eye(4)
-    heads = matrices[places[usable, 1]]
-    measured = np.array([constraints[k].i_from_j for k in usable.tolist()])
-    information = np.array([constraints[k].information for k in usable.tolist()])
-    residuals = edge_residuals(False, tails, heads, measured)
-    if planar:
-        residuals, information = residuals[:, PLANAR_IN_TANGENT], information_to_planar(information)
-    chi2 = np.maximum(squared_sigmas(residuals, information), 0.0)
-    error = between(measured, between(tails, heads))
-    metres = np.linalg.norm(error[:, :3, 3], axis=1)
-    degrees = np.degrees(rotation_angle(error))
-    for n, k in enumerate(usable.tolist()):
-        found[k] = ConstraintResidual(
-            constraints[k], float(metres[n]), float(degrees[n]), float(chi2[n] ** 0.5)
-        )
+    used = [k for k, c in enumerate(constraints) if {c.from_id, c.to_id} <= known and _is_finite(c)]
+    chosen = [constraints[k] for k in used]
+    stated = stated_system(poses.ids, poses.map_from_node, chosen, planar)
+    sigmas = np.sqrt(np.maximum(edge_chi2(stated.system, stated.start), 0.0))
+    missed = missed_by(stated.system, stated.start)
+    for k, *numbers in zip(used, *missed, sigmas, strict=True):
+        found[k] = ConstraintResidual(constraints[k], *map(float, numbers))
     return tuple(found)
+
+
+def _is_finite(constraint: Constraint) -> bool:
+    measured, information = constraint.i_from_j, constraint.information
+    return bool(np.isfinite(measured).all() and np.isfinite(information).all())
 
 
 def counts_of(constraints: Sequence[Judged]) -> dict[str, dict[str, int]]:

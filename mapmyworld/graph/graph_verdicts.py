@@ -6,12 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mapmyworld.backend.residuals import edge_residuals
-from mapmyworld.backend.system import System
+from mapmyworld.backend.system import System, missed_by
 from mapmyworld.geometry import Array, Index
-from mapmyworld.geometry.planar import planar_exp
-from mapmyworld.geometry.rigid import se3_exp
-from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph.robust import RobustSolution
 from mapmyworld.parallel import batches
 from mapmyworld.types import Constraint, Judge, Judged, Verdict, Why
@@ -95,14 +91,3 @@ def _verdict(
         return Verdict(Judge.GRAPH, True, Why.FITS, numbers)
     why = Why.UNSUPPORTED if sigmas <= limit else Why.CONTRADICTS
     return Verdict(Judge.GRAPH, False, why, numbers)
-
-
-def missed_by(system: System, poses: Array) -> tuple[Array, Array]:
-    """Metres and degrees, (E,) both, by which every edge is missed at `poses` (N, 3 or 4, 4)."""
-    tail, head = poses[system.tails], poses[system.heads]
-    residuals = edge_residuals(system.planar, tail, head, system.measured)
-    if system.planar:
-        motion = planar_exp(residuals)
-        return np.linalg.norm(motion[:, :2], axis=1), np.degrees(np.abs(motion[:, 2]))
-    motion = se3_exp(residuals)
-    return np.linalg.norm(motion[:, :3, 3], axis=1), np.degrees(rotation_angle(motion))

@@ -90,8 +90,6 @@ def optimise(graph: PoseGraph, config: GraphConfig | None = None) -> OptimisedGr
 
 
 def _descended(system: System, name: str, start: Fit, config: GraphConfig) -> _Followed:
-    if system.size == 0:
-        return _Followed(name, Descent(start, 0, True))
     return _Followed(name, descend(system, start, config.tolerance, config.iterations))
 
 

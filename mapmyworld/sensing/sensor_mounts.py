@@ -22,8 +22,8 @@ def mount_of(draft: Draft, base: str, frame_id: str, role: str) -> tuple[NDArray
     name = frame_name(frame_id)
     if name == base:
         return np.eye(4), False
-    middle = (draft.survey.info.start_ns + draft.survey.end_ns) // 2
-    found = draft.survey.tree.lookup(base, name, middle)
+    info = draft.survey.info
+    found = draft.survey.tree.lookup(base, name, (info.start_ns + info.end_ns) // 2)
     return (np.eye(4), True) if found is None else (found, False)
 
 

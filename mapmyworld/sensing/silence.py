@@ -56,4 +56,4 @@ def _drive(survey: Survey) -> tuple[int, int]:
         if s.kind in _SENSORS and s.count and not s.topic.endswith("_static")
     ]
     first = min((s.first_log_ns for s in speaking), default=survey.info.start_ns)
-    return first, max((s.last_log_ns for s in speaking), default=survey.end_ns)
+    return first, max((s.last_log_ns for s in speaking), default=survey.info.end_ns)

@@ -117,7 +117,6 @@ class Survey:
     """Topic -> its poses, in the order of the log."""
     odometry_frames: dict[str, tuple[str, str]]
     """Topic -> its frame and child frame, as recorded."""
-    end_ns: int
     slopes: dict[str, float]
     """Inertial topic -> radians by which the robot leaned, for some seconds, at most."""
 
@@ -138,15 +137,12 @@ class _Surveyor:
         self.recorders: defaultdict[str, MotionRecorder] = defaultdict(MotionRecorder)
         self.frames: dict[str, tuple[str, str]] = {}
         self.forces: defaultdict[str, Forces] = defaultdict(Forces)
-        self.end_ns = 0
 
     def add(self, raw: RawMessage) -> None:
         stream = self.streams.get(raw.topic)
         if stream is None:
             stream = self.streams[raw.topic] = Stream(raw.topic, raw.kind)
         stream.add(raw)
-        if raw.log_time_ns > self.end_ns:
-            self.end_ns = raw.log_time_ns
         if self._wants(raw, stream):
             self._decode(raw, stream)
 
@@ -196,6 +192,5 @@ def survey_log(log: LogSource, watch: Callable[[int], None] | None = None) -> Su
         tree=surveyor.tree,
         odometry={topic: surveyor.recorders[topic].finish() for topic in surveyor.frames},
         odometry_frames=surveyor.frames,
-        end_ns=surveyor.end_ns,
         slopes={topic: forces.slope() for topic, forces in surveyor.forces.items()},
     )

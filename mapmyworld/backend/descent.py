@@ -23,6 +23,8 @@ class Descent:
     fit: Fit
     iterations: int
     converged: bool
+    start: str = ""
+    """What it is called where it began."""
 
 
 def optimised_roughly(

@@ -27,7 +27,6 @@ class Setting:
     name: str
     """Dotted, e.g. "mapping.resolution"."""
     value: Any
-    type_name: str
     meaning: str
     """The comment that stands behind it: unit and meaning."""
     allowed: Range = _FINITE
@@ -48,12 +47,10 @@ def _walk(section: Any, prefix: str) -> list[Setting]:
         if is_dataclass(value):
             found += _walk(value, f"{prefix}{item.name}.")
         else:
-            hint, allowed = hints[item.name], _FINITE
-            if get_origin(hint) is Annotated:
-                hint, allowed = get_args(hint)
-            type_name = getattr(hint, "__name__", str(hint))
+            hint = hints[item.name]
+            allowed = get_args(hint)[1] if get_origin(hint) is Annotated else _FINITE
             meaning = comments.get(item.name, "")
-            found.append(Setting(f"{prefix}{item.name}", value, type_name, meaning, allowed))
+            found.append(Setting(f"{prefix}{item.name}", value, meaning, allowed))
     return found
 
 
@@ -125,7 +122,7 @@ def _converted(value: Any, setting: Setting) -> Any:
             raise ValueError("expected a number")
         return _within(_number(float, value, "a number"), setting.allowed)
     if not isinstance(value, kind):
-        raise ValueError(f"expected {setting.type_name}")
+        raise ValueError(f"expected {kind.__name__}")
     if kind is str and "\0" in value:  # which is part of no name
         raise ValueError("expected text without zero bytes")
     return value

@@ -56,18 +56,6 @@ class OptimisedGraph:
     """What is known about the minimum, in words."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Followed:
-    """A start, and where it led."""
-
-    start: str
-    end: Descent
-
-    @property
-    def cost(self) -> float:
-        return self.end.fit.cost
-
-
 @on_one_thread
 def optimise(graph: PoseGraph, config: GraphConfig | None = None) -> OptimisedGraph:
     """The graph with every node where all edges together want it.
@@ -89,29 +77,29 @@ def optimise(graph: PoseGraph, config: GraphConfig | None = None) -> OptimisedGr
     return _result(problem, every, {name: start.cost}, best, certificate, followed)
 
 
-def _descended(system: System, name: str, start: Fit, config: GraphConfig) -> _Followed:
-    return _Followed(name, descend(system, start, config.tolerance, config.iterations))
+def _descended(system: System, name: str, start: Fit, config: GraphConfig) -> Descent:
+    return replace(descend(system, start, config.tolerance, config.iterations), start=name)
 
 
 def _best_of_all(
-    problem: Problem, best: _Followed, config: GraphConfig
-) -> tuple[_Followed, Certificate, list[_Followed]]:
+    problem: Problem, best: Descent, config: GraphConfig
+) -> tuple[Descent, Certificate, list[Descent]]:
     """The cheapest minimum, looked for until one is proven to be the global one."""
     system, followed = problem.system, [best]
-    certificate = certify(system, best.end.fit)
+    certificate = certify(system, best.fit)
     if certificate.trusted:
         return best, certificate, followed
     for start in _other_starts(problem, followed):
         followed.append(_descended(system, "wraparound", fit_of(system, start), config))
-        if followed[-1].cost < (1.0 - config.tolerance) * best.cost:
+        if followed[-1].fit.cost < (1.0 - config.tolerance) * best.fit.cost:
             best = followed[-1]
-            certificate = certify(system, best.end.fit)
+            certificate = certify(system, best.fit)
             if certificate.trusted:
                 break
     return best, certificate, followed
 
 
-def _other_starts(problem: Problem, followed: list[_Followed]) -> Iterator[Array]:
+def _other_starts(problem: Problem, followed: list[Descent]) -> Iterator[Array]:
     """Poses (N, 3 or 4, 4), made when they are asked for; `followed` grows meanwhile."""
     count = len(problem.graph)
     if len(problem.graph.sightings) or count > _LARGEST:
@@ -120,13 +108,13 @@ def _other_starts(problem: Problem, followed: list[_Followed]) -> Iterator[Array
         before = _cheapest(followed)
         most = min(_WRAPAROUNDS, 1 + _TOGETHER // count)
         with suppress(NotPositiveDefiniteError):  # an edge that weighs nothing holds no node
-            yield from wraparound_starts(problem.system, before.end.fit.poses, most)
+            yield from wraparound_starts(problem.system, before.fit.poses, most)
         if _cheapest(followed) is before:
             break
 
 
-def _cheapest(followed: list[_Followed]) -> _Followed:
-    return min(followed, key=lambda one: one.cost)
+def _cheapest(followed: list[Descent]) -> Descent:
+    return min(followed, key=lambda one: one.fit.cost)
 
 
 @on_one_thread
@@ -142,20 +130,18 @@ def optimise_robustly(graph: PoseGraph, config: GraphConfig | None = None) -> Op
         start = grown_start(graph, chosen_edges(system, trusted), start)
     solution = solve_robustly(system, start, problem.anchors, trusted, config)
     part = chosen_edges(system, solution.inliers)
-    end = descend(part, fit_of(part, solution.poses), config.tolerance, config.iterations)
+    end = _descended(part, "odometry", fit_of(part, solution.poses), config)
     certificate = certify(part, end.fit) if config.certify else None
     costs = {"odometry": fit_of(system, start).cost}
-    found = _Followed(
-        "odometry", Descent(fit_of(system, end.fit.poses), end.iterations, end.converged)
-    )
+    found = replace(end, fit=fit_of(system, end.fit.poses))
     return _result(problem, solution.inliers, costs, found, certificate, [found])
 
 
-def _reached(followed: list[_Followed]) -> dict[str, float]:
+def _reached(followed: list[Descent]) -> dict[str, float]:
     """The cheapest cost by start, in the order in which they were followed."""
     found: dict[str, float] = {}
     for one in followed:
-        found[one.start] = min(one.cost, found.get(one.start, one.cost))
+        found[one.start] = min(one.fit.cost, found.get(one.start, np.inf))
     return found
 
 
@@ -163,12 +149,12 @@ def _result(
     problem: Problem,
     accepted: NDArray[np.bool_],
     costs: dict[str, float],
-    best: _Followed,
+    best: Descent,
     certificate: Certificate | None,
-    followed: list[_Followed],
+    followed: list[Descent],
 ) -> OptimisedGraph:
-    graph, count, end = problem.graph, problem.nodes, best.end
-    poses, squares = end.fit.poses, end.fit.squares
+    graph, count = problem.graph, problem.nodes
+    poses, squares = best.fit.poses, best.fit.squares
     chi2, good = np.empty(len(graph.edges)), np.empty(len(graph.edges), np.bool_)
     chi2[problem.order] = squares[: len(graph.edges)]
     good[problem.order] = accepted[: len(graph.edges)]
@@ -181,11 +167,11 @@ def _result(
         best.start,
         costs,
         _reached(followed),
-        end.iterations,
-        end.converged,
+        best.iterations,
+        best.converged,
         chi2,
         good,
         problem.component,
         certificate,
-        certainty_of(freedom, cost, end.converged, certificate, [one.start for one in followed]),
+        certainty_of(freedom, cost, best.converged, certificate, [one.start for one in followed]),
     )

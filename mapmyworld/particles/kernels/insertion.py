@@ -40,14 +40,10 @@ def _cross(
         return
     keep = (length - 1.5 * res) / length
     ray = ray_of(ox / res, oy / res, (ox + keep * (x - ox)) / res, (oy + keep * (y - oy)) / res)
-    tile_x, tile_y, slot = 0, 0, -1
     for _ in range(ray[8] + 1):
         ix, iy = ray[0], ray[1]
-        if slot < 0 or ix >> TILE_SHIFT != tile_x or iy >> TILE_SHIFT != tile_y:
-            tile_x, tile_y = ix >> TILE_SHIFT, iy >> TILE_SHIFT
-            slot = slot_of(maps, particle, ix, iy)
-            slot = slot if own[slot] == 1 else 0
-        if slot > 0:
+        slot = slot_of(maps, particle, ix, iy)
+        if own[slot] == 1:
             _visit(maps, slot, ((iy & MASK) << TILE_SHIFT) | (ix & MASK))
         ray = onward(ray)
 

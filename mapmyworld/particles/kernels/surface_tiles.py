@@ -90,9 +90,6 @@ def nearest(
     res = maps.resolution
     cx, cy = math.floor(x / res), math.floor(y / res)
     best, qx, qy, mx, my = 1e9, 0.0, 0.0, 0.0, 0.0
-    # Neighbouring cells mostly lie in the same tile, whose slot is looked up once.
-    tile_x, tile_y = cx >> TILE_SHIFT, cy >> TILE_SHIFT
-    slot = slot_of(maps, particle, cx, cy)
     for ring in range(reach + 1):
         if ring > 1 and best <= ((ring - 1) * res) ** 2:
             break
@@ -100,9 +97,7 @@ def nearest(
             step = 1 if (dy == ring or dy == -ring) else 2 * ring
             for dx in range(-ring, ring + 1, max(step, 1)):
                 ix, iy = cx + dx, cy + dy
-                if ix >> TILE_SHIFT != tile_x or iy >> TILE_SHIFT != tile_y:
-                    tile_x, tile_y = ix >> TILE_SHIFT, iy >> TILE_SHIFT
-                    slot = slot_of(maps, particle, ix, iy)
+                slot = slot_of(maps, particle, ix, iy)
                 if slot == 0:
                     continue
                 cell = ((iy & MASK) << TILE_SHIFT) | (ix & MASK)

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry.planar import compose_planar, wrap_angle
+from mapmyworld.geometry.planar import compose_planar, planar_to_matrix, wrap_angle
+from mapmyworld.geometry.rigid import transported
 from mapmyworld.parallel import run_in_chunks
 from mapmyworld.particles.kernels import matching
 from mapmyworld.particles.kernels.surface_tiles import Beams
@@ -131,7 +132,8 @@ def _mode(
     count = len(x)
     predicted = compose_planar(x, u)
     mean, information, fits = np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count)
-    prior = np.asarray(np.linalg.inv(u_covariance), np.float64)
+    turns = planar_to_matrix(predicted)[:, :3, :3]
+    prior = transported(turns, np.linalg.inv(u_covariance))
     offsets = _candidates(u_covariance)
 
     def match(first: int, last: int) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.kernels.compiling import inner_jit, jit
+from mapmyworld.kernels.planar_algebra import solve3
 from mapmyworld.particles.kernels.likelihood import log_likelihood
 from mapmyworld.particles.kernels.surface_tiles import PLANAR, nearest, turned
 
@@ -74,32 +75,6 @@ def linearise(
 
 
 @inner_jit
-def _solve(H: NDArray[np.float64], g: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-    """`out = -H^-1 g` of a positive definite 3x3 system, by Cramer's rule."""
-    a, b, c = H[0, 0], H[0, 1], H[0, 2]
-    d, e, f = H[1, 1], H[1, 2], H[2, 2]
-    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
-    determinant = a * A + b * B + c * C
-    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
-    out[0] = -(A * g[0] + B * g[1] + C * g[2]) / determinant
-    out[1] = -(B * g[0] + D * g[1] + E * g[2]) / determinant
-    out[2] = -(C * g[0] + E * g[1] + F * g[2]) / determinant
-
-
-@inner_jit
-def _turn_information(prior: NDArray[np.float64], yaw: float, P: NDArray[np.float64]) -> None:
-    """The information of a body-frame increment in the map frame's axes."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    a, b, d = prior[0, 0], prior[0, 1], prior[1, 1]
-    P[0, 0] = c * c * a - 2.0 * c * s * b + s * s * d
-    P[1, 1] = s * s * a + 2.0 * c * s * b + c * c * d
-    P[0, 1] = P[1, 0] = c * s * (a - d) + (c * c - s * s) * b
-    P[0, 2] = P[2, 0] = c * prior[0, 2] - s * prior[1, 2]
-    P[1, 2] = P[2, 1] = s * prior[0, 2] + c * prior[1, 2]
-    P[2, 2] = prior[2, 2]
-
-
-@inner_jit
 def _deviation(
     pose: NDArray[np.float64],
     mean: NDArray[np.float64],
@@ -160,17 +135,16 @@ def match(
 ) -> None:
     """Most likely poses of particles `first` to `last`, given their maps and predictions.
 
-    `predicted` (P, 3) poses; `prior` (3, 3) their information, in the axes of their headings.
+    `predicted` (P, 3) poses; `prior` (P, 3, 3) their information, in the map frame's axes.
     The search starts from the likeliest of the candidates that lie `offsets` (S, 3) from there.
     `max_distances` (R,): cells searched around an end point, for each iteration. Fills `poses`
     (P, 3), `informations` (P, 3, 3) and `fits` (P,): the log-likelihood of the scan, less half the
     squared deviation from the prediction.
     """
-    H, g, step = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
-    P, gap, pose = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    H, g = np.zeros((3, 3)), np.zeros(3)
+    gap, pose = np.zeros(3), np.zeros(3)
     for particle in range(first, last):
-        mean = predicted[particle]
-        _turn_information(prior, mean[2], P)
+        mean, P = predicted[particle], prior[particle]
         # Number by number: an assignment of slices takes seconds to compile.
         for i in range(3):
             pose[i] = mean[i]
@@ -187,8 +161,8 @@ def match(
             weight = WIDE if max_distances[iteration] > max_distances[-1] else 1.0
             H += weight * P
             g += weight * (P[:, 0] * gap[0] + P[:, 1] * gap[1] + P[:, 2] * gap[2])
-            _solve(H, g, step)
-            pose += step
+            step = solve3(H, g)
+            pose -= step
             small = abs(step[0]) + abs(step[1]) < STEP and abs(step[2]) < TURN
             if small and max_distances[iteration] == max_distances[-1] and width == sigma:
                 break

@@ -79,7 +79,8 @@ def _seen(image: RgbdImage, origin: Array, config: Config) -> _Seen:
     known = (depth > settings.depth_min) & (depth < 2.0 * settings.grid_range)
     points = transform_points(base_from_camera, local[known])
     upward = normals[known] @ base_from_camera[2, :3]
-    floor = floor_heights(points, upward)
+    found = floor_plane(points, upward)  # z = 0 where none is seen
+    floor = np.zeros(len(points)) if found is None else _heights(points, found[0])
     offset = points[:, :2] - origin[:2]
     bearings = np.arctan2(offset[:, 1], offset[:, 0])
     beams = np.round(bearings / np.radians(_BEAM)).astype(np.int64)
@@ -108,15 +109,6 @@ def levelled_image(image: RgbdImage, map_from_base: Array) -> RgbdImage:
     stood = planar_to_matrix(matrix_to_planar(map_from_base))
     mount = between(stood, map_from_base) @ image.camera.base_from_camera
     return replace(image, camera=replace(image.camera, base_from_camera=mount))
-
-
-def floor_heights(points: Array, upward: Array) -> Array:
-    """Height (N,) of the floor below points (N, 3) of the base frame: of z = 0 where none is seen.
-
-    `upward` (N,) is the z of the surfaces' normals.
-    """
-    found = floor_plane(points, upward)
-    return np.zeros(len(points)) if found is None else _heights(points, found[0])
 
 
 def floor_plane(points: Array, upward: Array) -> tuple[Array, NDArray[np.bool_]] | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from array import array
 from collections.abc import Collection
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,6 @@ _STILL_NS = 100_000_000  # between the times at which one that may yet move was 
 _CONSTANT = 1e-6  # metres and radians within which a transform on /tf counts as fixed
 
 
-@lru_cache(maxsize=1024)
 def frame_name(name: str) -> str:
     """A frame's name without the leading slash of older ROS versions."""
     return name.strip().lstrip("/")

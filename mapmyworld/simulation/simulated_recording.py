@@ -59,16 +59,11 @@ class Recording:
         times = [stream.schedule.log_times_ns.tolist() for stream in streams]
         moments = sorted((t, i, k) for i, of in enumerate(times) for k, t in enumerate(of))
         in_order = [(streams[i], k) for _, i, k in moments]
-        for stream, index, made in in_threads(_made, in_order, _THREADS):
-            log_time_ns = int(stream.schedule.log_times_ns[index])
-            for topic, message in made:
+        made = in_threads(lambda moment: moment[0].messages(moment[1]), in_order, _THREADS)
+        for (log_time_ns, *_), some in zip(moments, made, strict=True):
+            for topic, message in some:
                 if topics is None or topic in topics:
                     yield topic, message, log_time_ns
-
-
-def _made(item: tuple[Stream, int]) -> tuple[Stream, int, Messages]:
-    stream, index = item
-    return stream, index, stream.messages(index)
 
 
 def simulate(

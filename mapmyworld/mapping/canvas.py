@@ -117,7 +117,12 @@ class Canvas:
         margin = _MARGIN + size // 4
         left, right = (np.where(lack > 0, lack + margin, 0) for lack in lacks)
         before, size = size, left + size + right
-        _check_size(size)
+        width, height = size.tolist()
+        if width * height > _MOST_CELLS:  # of nonsense
+            raise MapError(
+                f"the grid would be {width} x {height} cells: raise mapping.resolution or lower "
+                "mapping.range_max"
+            )
         wider = np.zeros((*size[::-1], 2), np.uint16)
         part = tuple(slice(a, a + n) for a, n in zip(left[::-1], before[::-1], strict=True))
         wider[part] = self._cells
@@ -138,13 +143,3 @@ class Canvas:
         part = np.s_[rows[0] - 1 : rows[-1] + 2, columns[0] - 1 : columns[-1] + 2]
         corner = self._corner + np.array([columns[0], rows[0]]) - 1
         return corner, self._cells[part]
-
-
-def _check_size(size: NDArray[np.int64]) -> None:
-    """Refuses a canvas of nonsense."""
-    width, height = size.tolist()
-    if width * height > _MOST_CELLS:
-        raise MapError(
-            f"the grid would be {width} x {height} cells: raise mapping.resolution or lower "
-            "mapping.range_max"
-        )

@@ -114,6 +114,7 @@ def _likeliest(
         value -= 0.5 * _deviation(start, mean, P, gap)
         if value > most:
             most = value
+            # Number by number: an assignment of slices takes seconds to compile.
             for i in range(3):
                 pose[i] = start[i]
 
@@ -145,12 +146,7 @@ def match(
     gap, pose = np.zeros(3), np.zeros(3)
     for particle in range(first, last):
         mean, P = predicted[particle], prior[particle]
-        # Number by number: an assignment of slices takes seconds to compile.
-        for i in range(3):
-            pose[i] = mean[i]
-        if offsets.shape[0] > 1:
-            reach = max_distances[-1]
-            _likeliest(maps, particle, beams, mean, P, offsets, reach, pose)
+        _likeliest(maps, particle, beams, mean, P, offsets, max_distances[-1], pose)
         for iteration in range(max_distances.shape[0]):
             H[:], g[:] = 0.0, 0.0
             # From as far as the start may lie off down to the noise, for which the few marks of a

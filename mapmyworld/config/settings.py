@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import functools
 import inspect
+import json
 import math
 import re
 from collections.abc import Mapping
@@ -164,14 +165,5 @@ def as_toml(config: Config | None = None) -> str:
             lines += ["", f"[{head}]"]
             section = head
         comment = f"  # {setting.meaning}" if setting.meaning else ""
-        lines.append(f"{name} = {_toml_value(setting.value)}{comment}")
+        lines.append(f"{name} = {json.dumps(setting.value, ensure_ascii=False)}{comment}")
     return "\n".join(lines) + "\n"
-
-
-def _toml_value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return f'"{escaped}"'
-    return repr(value)

@@ -82,15 +82,10 @@ class TileMaps:
         size = np.array(tables.shape[1:])
         if np.all(low >= base) and np.all(high <= base + size):
             return
-        if not np.any(tables):
-            before, after = low, high
-        else:
-            before = np.where(low < base, low - _MARGIN, base)
-            after = np.where(high > base + size, high + _MARGIN, base + size)
-        wider = np.zeros((len(tables), *(after - before)), np.int32)
-        if np.any(tables):
-            y, x = base - before
-            wider[:, y : y + size[0], x : x + size[1]] = tables
+        before = np.where(low < base, low - _MARGIN, base)
+        after = np.where(high > base + size, high + _MARGIN, base + size)
+        wider, (y, x) = np.zeros((len(tables), *(after - before)), np.int32), base - before
+        wider[:, y : y + size[0], x : x + size[1]] = tables
         self.surfaces = maps._replace(tables=wider, base=before)
 
 

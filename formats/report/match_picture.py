@@ -49,7 +49,7 @@ def write_features_picture(path: Path, picture: Picture, features: Features | No
     """A node's image, grey (H, W) or colour (H, W, 3), with circles of its features' sizes."""
     from matplotlib.collections import EllipseCollection
 
-    with _drawn(path, _as_rgb(picture)) as axes:
+    with _drawn(path, picture) as axes:
         if features is None:
             return
         deep = np.isfinite(features.points[:, 2])
@@ -74,9 +74,9 @@ def write_match_picture(
     The images are grey (H, W) or colour (H, W, 3), RGB; the matches are at `pixels_a` and
     `pixels_b` (M, 2), and `agreed` (M,).
     """
-    canvas, shift = _side_by_side(*map(_as_rgb, pictures))
-    ends = np.stack([pixels_a, pixels_b + np.array([shift, 0], np.float32)], axis=1)
-    with _drawn(path, canvas) as axes:
+    shift = np.array([pictures[0].shape[1] + _GAP, 0], np.float32)
+    ends = np.stack([pixels_a, pixels_b + shift], axis=1)
+    with _drawn(path, *pictures) as axes:
         for which, colour in ((~agreed, _OUTLIER), (agreed, _AGREED)):  # agreeing ones on top
             draw_lines(axes, ends[which], colour, "", 0.4)
             axes.plot(*ends[which].reshape(-1, 2).T, "o", mec=colour, mfc="none", ms=2, mew=0.4)
@@ -85,25 +85,15 @@ def write_match_picture(
 
 
 @contextmanager
-def _drawn(path: Path, picture: Picture) -> Iterator[Any]:
-    """Axes in the pixels of a picture (H, W, 3)."""
-    height, width = picture.shape[:2]
+def _drawn(path: Path, *pictures: Picture) -> Iterator[Any]:
+    """Axes in the pixels of the first picture, the others to the right of it."""
+    starts = np.cumsum([0, *(picture.shape[1] + _GAP for picture in pictures)]) - 0.5
+    height, width = max(len(picture) for picture in pictures), starts[-1] + 0.5 - _GAP
     with figure_file(path, WIDTH * height / width) as figure:
         axes = figure.subplots()
-        axes.imshow(picture)
+        for picture, left in zip(pictures, starts, strict=False):
+            extent = (left, left + picture.shape[1], len(picture) - 0.5, -0.5)
+            axes.imshow(picture, cmap="gray", vmin=0, vmax=255, extent=extent)
+        axes.axis((-0.5, width - 0.5, height - 0.5, -0.5))
         axes.axis("off")
         yield axes
-
-
-def _as_rgb(picture: Picture) -> Picture:
-    """(H, W, 3) of a picture (H, W) or (H, W, 3)."""
-    return np.repeat(picture[..., None], 3, axis=2) if picture.ndim == 2 else picture
-
-
-def _side_by_side(a: Picture, b: Picture) -> tuple[Picture, int]:
-    """Two pictures in one, (H, W, 3) each, and the column at which the second one begins."""
-    shift = a.shape[1] + _GAP
-    canvas = np.full((max(a.shape[0], b.shape[0]), shift + b.shape[1], 3), 255, np.uint8)
-    canvas[: a.shape[0], : a.shape[1]] = a
-    canvas[: b.shape[0], shift:] = b
-    return canvas, shift

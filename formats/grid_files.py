@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-import re
+from io import BytesIO
 from pathlib import Path
 from typing import Literal
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.bounds import FARTHEST
-from formats.picture_files import decoded_file, encoded_file, picture_size
+from formats.picture_files import encoded_file
 from formats.whole_files import read_whole, write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import OccupancyGrid
@@ -22,6 +22,8 @@ _OCCUPIED, _FREE, _UNKNOWN = 0, 254, 205
 _GREY = np.full(256, _UNKNOWN, np.uint8)  # of a trinary cell
 _GREY[[0, 100]] = _FREE, _OCCUPIED
 _MAX_CELLS = 1 << 28
+# Pillow's names of pixels up to 8 bits -> of the same with alpha.
+_WITH_ALPHA = {"1": "LA", "L": "LA", "LA": "LA", "P": "RGBA", "RGB": "RGBA", "RGBA": "RGBA"}
 _MOST_PACKED = 8 * 1032  # cells of one bit in a byte of a PNG; deflate packs up to 1032 to 1
 
 
@@ -186,34 +188,17 @@ def _picture_path(path: Path, name: str) -> Path:
 
 def _read_picture(path: Path) -> NDArray[np.uint8]:
     """Channels and alpha (H, W, C + 1), top row first."""
+    from PIL.PngImagePlugin import PngImageFile
+    from PIL.PpmImagePlugin import PpmImageFile
+
     data = read_whole(path)
-    if data[:2] == b"P5":
-        grey = _parse_pgm(data, path)
-        return np.dstack([grey, np.full_like(grey, 255)])
-    width, height = picture_size(data)
-    if not 0 < width * height <= min(_MAX_CELLS, _MOST_PACKED * len(data)):
-        raise MapError(f"{path}: {width} x {height} cells in {len(data)} bytes are no PGM or PNG")
-    import cv2
-
-    pixels = decoded_file(data, cv2.IMREAD_UNCHANGED)
-    if pixels is None or pixels.dtype != np.uint8:
-        raise MapError(f"{path}: not an 8-bit image that can be read")
-    picture = np.asarray(pixels, np.uint8)
-    if picture.ndim == 3 and picture.shape[2] == 4:
-        return picture
-    return np.dstack([picture, np.full(picture.shape[:2], 255, np.uint8)])
-
-
-def _parse_pgm(data: bytes, path: Path) -> NDArray[np.uint8]:
-    head = re.match(
-        rb"P5(?:\s|#[^\n]*\n)+(\d{1,18})(?:\s|#[^\n]*\n)+(\d{1,18})(?:\s|#[^\n]*\n)+(\d{1,18})\s",
-        data,
-    )
-    if head is None:
-        raise MapError(f"{path}: a damaged PGM header")
-    width, height, top = (int(number) for number in head.groups())
-    if top != 255 or not 0 < width * height <= _MAX_CELLS:
-        raise MapError(f"{path}: a PGM of {width} x {height} with maximum {top} is refused")
-    if len(data) - head.end() < width * height:
-        raise MapError(f"{path}: {width} x {height} cells are stated, the file ends before")
-    return np.frombuffer(data, np.uint8, width * height, head.end()).reshape(height, width)
+    try:
+        picture = (PpmImageFile if data.startswith(b"P") else PngImageFile)(BytesIO(data))
+        width, height = picture.size
+        if width * height > min(_MAX_CELLS, _MOST_PACKED * len(data)):
+            raise ValueError(f"{width} x {height} cells in {len(data)} bytes")
+        if picture.mode not in _WITH_ALPHA:
+            raise ValueError(f"its pixels are {picture.mode}, not of 8 bits")
+        return np.asarray(picture.convert(_WITH_ALPHA[picture.mode]))
+    except Exception as error:  # a damaged file may end in any of Python's errors
+        raise MapError(f"{path}: is no PGM or PNG that can be read ({error})") from None

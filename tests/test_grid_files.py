@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
 
 import cv2
@@ -134,6 +135,7 @@ def test_a_picture_that_claims_more_than_it_can_hold_is_refused_unopened(tmp_pat
     picture, yaml = write_grid(tmp_path / "map", grid, "scale")
     data = bytearray(picture.read_bytes())
     data[16:24] = (15_000).to_bytes(4, "big") * 2  # width and height in the header
+    data[29:33] = zlib.crc32(data[12:29]).to_bytes(4, "big")
     picture.write_bytes(data)
     with pytest.raises(MapError, match="15000 x 15000 cells"):
         read_grid(yaml)

@@ -39,8 +39,12 @@ class Connection:
         """The text that `time_enter` gets, UTC."""
         mode = "rwc" if writable else "ro&immutable=1" if frozen else "ro"
         with self._explained():
-            self._sqlite = self._connect(mode)
+            uri = f"{uri_of(path)}?mode={mode}"
+            self._sqlite = sqlite3.connect(
+                uri, uri=True, isolation_level=None, check_same_thread=False
+            )
             finalize(self, self._sqlite.close)  # logs are not closed by those who read them
+            self._sqlite.execute("PRAGMA trusted_schema = OFF")  # its own views call no function
             self._refuse_programs()
             if writable:
                 self._prepare_writing()
@@ -57,16 +61,6 @@ class Connection:
                     "command again"
                 ) from error
             raise MapError(f"{self.path}: {_suggestion(str(error))}") from error
-
-    def _connect(self, mode: str) -> sqlite3.Connection:
-        uri = f"{uri_of(self.path)}?mode={mode}"
-        sqlite = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
-        try:
-            sqlite.execute("PRAGMA trusted_schema = OFF")  # a file's own views call no function
-        except sqlite3.Error:
-            sqlite.close()
-            raise
-        return sqlite
 
     def _refuse_programs(self) -> None:
         """No map has views as tables, or triggers that are not its own: a few bytes never end."""

@@ -52,11 +52,9 @@ def open_store(
     if path.is_dir():
         raise MapError(f"{path}: is a folder, not a map")
     if path.is_file() and says_ours(path) and _beside(path, "journal").exists():
-        # Before anything is read: SQLite takes back what a killed build had half written.
-        with closing(Connection(path, writable=True)) as connection:
-            connection.begin()
-            connection.commit()
-    exists = path.exists() and path.stat().st_size > 0 and not _is_blank(path)
+        # Before anything else is read: SQLite takes back what a killed build had half written.
+        Connection(path, writable=True).close()
+    exists = path.exists() and path.stat().st_size > 0
     if not exists and not create:
         raise MapError(f"{path}: no such map (make one with `mapmyworld build LOG -o {path}`)")
     if exists and not is_sqlite(path):
@@ -86,14 +84,6 @@ class MemoryMap(DatabaseStore):
 
 def _beside(path: Path, ending: str) -> Path:
     return path.with_name(f"{path.name}-{ending}")
-
-
-def _is_blank(path: Path) -> bool:
-    """Whether it is a database without a table: a build was stopped before it had begun."""
-    if not is_sqlite(path):
-        return False
-    with closing(Connection(path, writable=False, frozen=True)) as connection:
-        return not connection.row("SELECT EXISTS (SELECT 1 FROM sqlite_master)")[0]
 
 
 def _is_ours(path: Path, *, replaced: bool) -> bool:

@@ -12,7 +12,7 @@ from formats.database import feature_rows
 from formats.database import foreign_graph as graph
 from formats.database.blobs import blob_to_matrix, blob_to_pose
 from formats.database.connection import Connection, Opened
-from formats.database.data_rows import node_data
+from formats.database.data_rows import SELECT_DATA, node_data
 from formats.database.node_rows import blob_to_gps, nanoseconds
 from mapmyworld.errors import MapError
 from mapmyworld.types import (
@@ -26,7 +26,10 @@ from mapmyworld.types import (
 )
 from mapmyworld.types.frames import nodes_as_frames
 
-_OLDEST = (0, 18, 0)  # of the layout in which calibrations and scans are kept since
+_OLDEST = (0, 18, 0)  # of the layout that is read: all columns are there since
+_SELECT_NODES = (
+    "SELECT id, map_id, weight, stamp, pose, ground_truth_pose, gps FROM Node ORDER BY id"
+)
 _INVALID_WEIGHT = -9  # merged into another node, or deleted
 # Log-odds that stand for the three values of a stored grid: beyond its thresholds.
 _LOG_ODDS = {100: 3.0, 0: -3.0}
@@ -37,8 +40,7 @@ class RtabmapStore(Opened):
 
     def __init__(self, connection: Connection) -> None:
         super().__init__(connection)
-        self._problems: list[str] = []
-        self._columns = {name: connection.columns(name) for name in ("Node", "Data", "Admin")}
+        self._problems: dict[str, None] = {}
         self._check_version()
         self._nodes: tuple[Node, ...] | None = None
 
@@ -48,7 +50,7 @@ class RtabmapStore(Opened):
         return tuple(self._problems)
 
     def _check_version(self) -> None:
-        if "id" not in self._columns["Node"] or "version" not in self._columns["Admin"]:
+        if "id" not in self._db.columns("Node") or "version" not in self._db.columns("Admin"):
             raise MapError(f"{self.path}: is a database, but neither a map nor RTAB-Map's")
         found = self._db.rows("SELECT version FROM Admin")
         version = str(found[0][0]) if len(found) == 1 and found[0][0] else ""
@@ -91,10 +93,7 @@ class RtabmapStore(Opened):
     def nodes(self) -> tuple[Node, ...]:
         """Nodes by id; those that RTAB-Map merged away are left out."""
         if self._nodes is None:
-            late = ("ground_truth_pose", "gps")
-            others = ", ".join(c if self._has("Node", c) else "NULL" for c in late)
-            query = f"SELECT id, map_id, weight, stamp, pose, {others} FROM Node ORDER BY id"
-            found = map(self._node, self._db.rows(query))
+            found = map(self._node, self._db.rows(_SELECT_NODES))
             self._nodes = tuple(node for node in found if node is not None)
         return self._nodes
 
@@ -116,19 +115,13 @@ class RtabmapStore(Opened):
         return Node(node_id, session or 0, moment, pose, pose, weight or 0, truth, gps)
 
     def _leave_out(self, problem: str) -> None:
-        if problem not in self._problems:
-            self._problems.append(problem)
-
-    def _has(self, table: str, column: str) -> bool:
-        return column in self._columns[table]
+        self._problems[problem] = None
 
     def node_data(self, node_id: int, *, features: bool = True) -> NodeData:
         stamp = self._db.row("SELECT stamp FROM Node WHERE id = ?", (node_id,))
         if stamp is None:
             raise MapError(f"{self.path}: there is no node {node_id}")
-        wanted = ("image", "depth", "calibration", "scan", "scan_info")
-        found = ", ".join(c if self._has("Data", c) else "NULL" for c in wanted)
-        row = self._db.row(f"SELECT {found} FROM Data WHERE id = ?", (node_id,))
+        row = self._db.row(SELECT_DATA, (node_id,))
         return node_data(self._db, node_id, row, None, nanoseconds(stamp[0]), features)
 
     def words(self) -> dict[int, NDArray[Any]]:
@@ -161,8 +154,6 @@ class RtabmapStore(Opened):
 
     def poses(self) -> Poses | None:
         """The optimised poses; None where RTAB-Map did not come to write them."""
-        if not self._has("Admin", "opt_poses"):
-            return None
         ids, poses = self._db.row("SELECT opt_ids, opt_poses FROM Admin")
         return graph.poses_from_blobs(ids, poses, str(self.path))
 
@@ -171,8 +162,6 @@ class RtabmapStore(Opened):
 
         Raises `MapError` where it is damaged.
         """
-        if not self._has("Admin", "opt_map"):
-            return None
         row = self._db.row(
             "SELECT opt_map, opt_map_x_min, opt_map_y_min, opt_map_resolution FROM Admin"
         )

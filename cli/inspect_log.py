@@ -107,10 +107,7 @@ def info_lines(info: LogInfo) -> list[str]:
 
 def _time(stamp_ns: int) -> str:
     seconds = stamp_ns * 1e-9
-    try:
-        utc = datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds")
-    except (OverflowError, ValueError, OSError):
-        utc = "no date"
+    utc = datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds")
     return f"{utc} ({seconds:.3f})"
 
 

@@ -136,7 +136,7 @@ class ResultMaps:
         self._written, self.names = [], []
 
     @contextmanager
-    def open(self, _number: int = 0) -> Iterator[MapStore]:
+    def open(self) -> Iterator[MapStore]:
         """The next map, empty."""
         from formats.database import open_store
 

@@ -125,7 +125,7 @@ def merge(
         raise MapError("give at least two maps to be merged")
     stores: list[MemoryMap] = []
 
-    def fresh(_number: int) -> MemoryMap:
+    def fresh() -> MemoryMap:
         stores.append(MemoryMap())
         return stores[-1]
 

@@ -37,7 +37,7 @@ def maps() -> dict[str, MapStore]:
 def merged(maps: dict[str, MapStore], *names: str) -> tuple[list[MergedMap], list[MemoryMap]]:
     stores: list[MemoryMap] = []
 
-    def new_store(_number: int) -> MemoryMap:
+    def new_store() -> MemoryMap:
         stores.append(MemoryMap())
         return stores[-1]
 

@@ -84,7 +84,7 @@ def test_edits_follow_their_nodes(maps: tuple[MapStore, MapStore]) -> None:
 def test_a_merged_map_is_solved_with_the_edits(maps: tuple[MapStore, MapStore]) -> None:
     stores: list[MemoryMap] = []
 
-    def new_store(_number: int) -> MemoryMap:
+    def new_store() -> MemoryMap:
         stores.append(MemoryMap())
         return stores[-1]
 

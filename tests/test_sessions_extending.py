@@ -41,7 +41,7 @@ def maps() -> dict[str, MapStore]:
 def merged(maps: dict[str, MapStore], names: Sequence[str]) -> MemoryMap:
     stores: list[MemoryMap] = []
 
-    def new_store(_number: int) -> MemoryMap:
+    def new_store() -> MemoryMap:
         stores.append(MemoryMap())
         return stores[-1]
 

@@ -27,9 +27,6 @@ from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve_and_judge import solve_and_judge
 from mapmyworld.types import MapStore, Progress
 
-OpenStore = Callable[[int], AbstractContextManager[MapStore]]
-"""Gives the empty store of the first, second, ... map that results."""
-
 
 @dataclass(frozen=True, slots=True)
 class MergedMap:
@@ -45,7 +42,7 @@ class MergedMap:
 
 def merge_maps(
     session_maps: Sequence[SessionMap],
-    open_store: OpenStore,
+    new_store: Callable[[], AbstractContextManager[MapStore]],
     config: Config,
     progress: Progress,
     *,
@@ -54,7 +51,7 @@ def merge_maps(
     """One map of every group of session maps that connect, the one with the most nodes first.
 
     Instead that of the one named `first`, where there is one. The order in which they are
-    given does not matter.
+    given does not matter. `new_store` gives an empty map for each.
     """
     ordered = sorted(session_maps, key=lambda session_map: session_map.order)
     joints = join_session_maps(ordered, config, progress)
@@ -65,8 +62,8 @@ def merge_maps(
     sizes = [len(session_map.nodes) for session_map in ordered]
     groups.sort(key=lambda g: (not wanted & set(g), -sum(sizes[k] for k in g), g))
     merged = []
-    for number, group in enumerate(groups):
-        with open_store(number) as store:
+    for group in groups:
+        with new_store() as store:
             merged.append(_merge(ordered, group, joints, store, config, progress))
     return merged
 

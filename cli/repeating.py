@@ -31,13 +31,9 @@ def repeat_and_compare(
         arguments += [str(log.absolute()) for log in logs]
         elsewhere = {**os.environ, "TZ": "Pacific/Kiritimati", "LC_ALL": "C", "LANG": "C"}
         run_build(arguments, f"{map_path}: the second build", cwd=name, env=elsewhere)
-        differing = [
-            Path(file).name
-            for file in files
-            if Path(file).suffix in REPEATED
-            and not filecmp.cmp(file, again.parent / Path(file).name, shallow=False)
-        ]
-    if differing:
+        names = [Path(file).name for file in files if Path(file).suffix in REPEATED]
+        _, differing, absent = filecmp.cmpfiles(map_path.parent, name, names, shallow=False)
+    if differing := differing + absent:
         raise MapError(
             f"{map_path}: a second build gave other bytes in {', '.join(differing)}: this is a "
             "fault of mapmyworld's; please report it with the log"

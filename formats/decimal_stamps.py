@@ -31,9 +31,7 @@ def nanoseconds_from_integer(text: str) -> int:
 
 def seconds_text(stamp_ns: int) -> str:
     """Seconds with nine decimals, exact."""
-    sign = "-" if stamp_ns < 0 else ""
-    whole, rest = divmod(abs(stamp_ns), _SECOND)
-    return f"{sign}{whole}.{rest:09d}"
+    return f"{Decimal(stamp_ns).scaleb(-9):.9f}"
 
 
 _MAX_STAMP_NS = (1 << 33) * 1_000_000_000  # the year 2242

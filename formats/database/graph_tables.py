@@ -19,15 +19,11 @@ class GraphTables(Transactions):
     def __init__(self, connection: Connection) -> None:
         super().__init__(connection)
         self._known: dict[int, Judged] | None = None
-        self._next_id: int | None = None
 
     def add_constraints(self, constraints: Sequence[Judged]) -> None:
         self._begin()
-        if self._next_id is None:
-            query = "SELECT COALESCE(MAX(id), 0) + 1 FROM mapmyworld_constraints"
-            (self._next_id,) = self._db.row(query)
-        made = dict(enumerate(constraints, self._next_id))
-        self._next_id += len(made)
+        (first,) = self._db.row("SELECT COALESCE(MAX(id), 0) + 1 FROM mapmyworld_constraints")
+        made = dict(enumerate(constraints, first))
         if self._known is not None:
             self._known |= made
         rank = self._current_rank()
@@ -76,7 +72,7 @@ class GraphTables(Transactions):
 
     def _forget_constraints(self) -> None:
         """What is known of them, for an earlier stage is done again."""
-        self._known = self._next_id = None
+        self._known = None
         self._rewrite_links()
 
     def _rewrite_links(self) -> None:

@@ -18,6 +18,7 @@ from mapmyworld.errors import MapError
 from mapmyworld.types import Features, Node, NodeData, Scan, TrackedFrames
 from mapmyworld.types.frames import nodes_as_frames
 
+_BATCH = 200  # nodes between two commits: what a killed build loses at most
 # The stage that first wrote features keeps them: a later one only adds words.
 _INSERT_STAGE = "INSERT OR IGNORE INTO mapmyworld_features VALUES (?,?)"
 
@@ -46,7 +47,9 @@ class NodeTables(Transactions):
         if data.features is not None:
             self._write_features(node.id, data.features)
         self._previous[node.session] = node
-        self._commit("nodes")
+        if node.id % _BATCH == 0:
+            self._db.commit()
+        self._commit()
 
     def nodes(self) -> tuple[Node, ...]:
         if self._nodes is None:
@@ -82,7 +85,7 @@ class NodeTables(Transactions):
         self._begin()
         insert = "INSERT OR REPLACE INTO mapmyworld_scans VALUES (?,?)"
         self._db.run(insert, (frame, scan_to_blob(scan)))
-        self._commit("scans")
+        self._commit()
 
     def scans(self, frames: Sequence[int] | NDArray[np.int64]) -> Iterator[tuple[int, Scan]]:
         wanted = json.dumps(np.unique(np.asarray(frames, np.int64)).tolist())

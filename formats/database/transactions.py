@@ -1,4 +1,4 @@
-"""How rows of a map of ours are written: in batches, each with the stage that wrote it."""
+"""How rows of a map of ours are written: each with the stage that wrote it."""
 
 from __future__ import annotations
 
@@ -16,8 +16,6 @@ from formats.database.connection import Connection, Opened
 from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 
-# Nodes and scans written between two commits: what a killed build loses at most.
-_BATCH = {"nodes": 200, "scans": 2000}
 _OUTSIDE = -1  # rank of keys put outside any stage; no stage clears them
 _ROWS = 256  # of an array that are copied to be compressed
 _NONE = "none"  # type and shape of an array that is none
@@ -30,7 +28,6 @@ class Transactions(Opened):
     def __init__(self, connection: Connection) -> None:
         super().__init__(connection)
         self._rank: int | None = None
-        self._uncommitted = dict.fromkeys(_BATCH, 0)
 
     def get(self, key: str) -> Any:
         found = self._db.row(
@@ -113,14 +110,10 @@ class Transactions(Opened):
             raise MapError(f"{self.path}: was opened for reading only")
         self._db.begin()
 
-    def _commit(self, written: str = "") -> None:
-        """Commits: outside a stage at once, inside one a batch at a time."""
-        if written:
-            self._uncommitted[written] += 1
-        full = any(self._uncommitted[name] >= most for name, most in _BATCH.items())
-        if self._rank is None or full:
+    def _commit(self) -> None:
+        """Outside a stage; inside one its end commits, and nodes do so a batch at a time."""
+        if self._rank is None:
             self._db.commit()
-            self._uncommitted = dict.fromkeys(_BATCH, 0)
 
 
 def _packed(array: NDArray[Any], dtype: np.dtype[Any]) -> Iterator[bytes]:

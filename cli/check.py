@@ -76,10 +76,8 @@ def check(
     mapmyworld check map.db --reference truth.tum --require 'ate_rmse <= 0.1'
     mapmyworld check map.db --baseline last_week.db --junit check.xml
     """
-    read = [map_path, baseline, reference, relations, grid]
-    for path in (junit, comment):
-        if path is not None:
-            require_apart(path, [given for given in read if given is not None])
+    for output in filter(None, (junit, comment)):
+        require_apart(output, [map_path, baseline, reference, relations, grid])
     if listing:
         _list_keys(map_path)
         return

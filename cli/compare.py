@@ -66,8 +66,7 @@ def compare(
     from cli.scoring import read_any_trajectory
     from formats.relation_files import read_relations
 
-    read = [path for path in (*paths, reference, relations) if path is not None]
-    require_outputs([] if image is None else [image], read)
+    require_outputs([image], [*paths, reference, relations])
     truth = None if reference is None else read_any_trajectory(reference)
     known = None if relations is None else read_relations(relations)
     if methods is None:

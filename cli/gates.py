@@ -33,10 +33,6 @@ class Requirement:
     symbol: str
     limit: float
 
-    def holds(self, value: float) -> bool:
-        """Whether a value keeps the limit."""
-        return _OPERATORS[self.symbol](value, self.limit)
-
     def __str__(self) -> str:
         return f"{self.key} {self.symbol} {self.limit:g}"
 
@@ -68,7 +64,7 @@ def _number(text: str) -> float | None:
 
 def judged(requirement: Requirement, value: float) -> Verdict:
     """The verdict; of a limit that is missed what was measured, and by how much it misses."""
-    passed = requirement.holds(value)
+    passed = _OPERATORS[requirement.symbol](value, requirement.limit)
     key = KEYS.get(requirement.key)
     message = f"is {value:g}" + (f", {key.about}" if key and not passed else "")
     if not passed:

@@ -61,7 +61,7 @@ def graph(
     mapmyworld inspect graph office.db --pair 3 17 --image pair.png
     mapmyworld inspect graph office.db --between 3 17
     """
-    require_outputs([] if image is None else [image], [map_path])
+    require_outputs([image], [map_path])
     if pair is not None:
         if image is None:
             raise click.UsageError("--pair draws a picture: say where with --image FILE")

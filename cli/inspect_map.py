@@ -32,7 +32,7 @@ def inspect_map(map_path: Path, image: Path | None) -> None:
     mapmyworld inspect map
     mapmyworld inspect map office.db --format json
     """
-    require_outputs([] if image is None else [image], [map_path])
+    require_outputs([image], [map_path])
     with open_store(map_path, read_only=True) as store:
         facts = map_facts(store)
         if not facts["nodes"]:

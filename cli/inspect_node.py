@@ -37,7 +37,7 @@ def node(arguments: tuple[str, ...], image_path: Path | None) -> None:
     mapmyworld inspect node office.db 17 --image node17.png
     """
     map_path, node_id = _split(arguments)
-    require_outputs([] if image_path is None else [image_path], [map_path])
+    require_outputs([image_path], [map_path])
     with open_store(map_path, read_only=True) as store:
         found = {n.id: n for n in store.nodes()}.get(node_id)
         if found is None:

@@ -64,7 +64,7 @@ def optimise(
     require_output_name(path)
     output = output or Path(f"{path.stem}_optimised.g2o")
     _require_place(output, path)
-    require_outputs([] if image is None else [image], [path, output])
+    require_outputs([image], [path, output])
     import formats.graph_reading  # noqa: F401  so that its import does not count as reading
 
     started = time.perf_counter()

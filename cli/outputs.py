@@ -14,9 +14,9 @@ PRODUCTS = (".pgm", ".yaml", ".ply", ".tum", ".html", ".timing.json")
 _RECORDED = {b"#ROSBAG": ".bag", b"\x89MCAP0": ".mcap", b"SQLite": ".db"}
 
 
-def require_outputs(paths: Iterable[Path], inputs: Sequence[Path]) -> None:
+def require_outputs(paths: Iterable[Path | None], inputs: Sequence[Path | None]) -> None:
     """Refuses, before any work is done, what is no file or is one of the inputs."""
-    for path in paths:
+    for path in filter(None, paths):
         require_file(path)
         require_apart(path, inputs)
 
@@ -36,9 +36,9 @@ def require_file(path: Path) -> None:
         raise MapError(f"{path}: is a device or a pipe: give the name of a file")
 
 
-def require_apart(path: Path, inputs: Iterable[Path]) -> None:
+def require_apart(path: Path, inputs: Sequence[Path | None]) -> None:
     """Raises `MapError` for an input as output, whatever name or link it comes by."""
-    for given in inputs:
+    for given in filter(None, inputs):
         if _is_same(path, given):
             named = "" if str(path) == str(given) else f" the same file as {given}, which is"
             raise MapError(f"{path}: is{named} read by this command: give another name with -o")

@@ -75,7 +75,7 @@ def simulate(
         if output is None:
             raise click.UsageError("no output is named: give -o LOG.mcap or -o LOG.bag")
         require_output_name(output)
-        require_apart(output, [] if mesh is None else [mesh])
+        require_apart(output, [mesh])
         recording = record(place, seed=seed, route=route, laps=laps, settings=settings)
         counts = _write(recording, output, overwrite)
         _report(recording, output, counts)

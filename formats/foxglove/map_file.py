@@ -75,15 +75,10 @@ def write_layout(path: Path) -> Path:
     return beside
 
 
-def first_ns(shown: FoxgloveMap) -> int:
-    """When everything that does not move is reported: before the first frame and node."""
-    stamps = [int(shown.stamps_ns[0])] if len(shown.stamps_ns) else []
-    return min(stamps + [node.stamp_ns for node, _, _ in shown.nodes], default=0)
-
-
 def map_events(shown: FoxgloveMap) -> Iterator[Event]:
-    """Grid, cloud, path and graph, all at the start."""
-    start = first_ns(shown)
+    """Grid, cloud, path and graph, all at the first frame or node."""
+    stamps = [*shown.stamps_ns[:1].tolist(), *(node.stamp_ns for node, _, _ in shown.nodes)]
+    start = min(stamps, default=0)
     if len(shown.map_from_base):
         yield start, "/tf", transform(start, MAP, shown.base_frame, shown.map_from_base[0])
     if shown.grid is not None:
@@ -156,27 +151,22 @@ def _markers(start: int, shown: FoxgloveMap) -> Iterator[Fields]:
 
 
 def node_events(shown: FoxgloveMap, data: Iterable[NodeData]) -> Iterator[Event]:
-    """Each node's pose and images, as `data` comes."""
+    """Each node's pose and colour images, with their cameras, as `data` comes."""
     for (node, pose, covariance), item in zip(shown.nodes, data, strict=True):
         known = np.zeros((6, 6)) if covariance is None else covariance
-        yield node.stamp_ns, "/map/pose", pose_in_map(node.stamp_ns, pose, known)
-        yield from image_events(node.stamp_ns, item, shown.base_frame)
-
-
-def image_events(stamp_ns: int, data: NodeData, base_frame: str) -> Iterator[Event]:
-    """A node's colour images with their calibration and where their cameras sit."""
-    for index, image in enumerate(data.images):
-        if image.colour is None:
-            continue
-        frame = f"{base_frame}/camera{index}"
-        encoded = image.colour.encoded
-        if not encoded:
-            encoded = encode_picture(np.asarray(image.colour.pixels(), np.uint8), "jpeg", 90)
-        picture = replace(image.colour, stamp_ns=stamp_ns, frame_id=frame, encoded=encoded)
-        topic, mount = f"/map/camera{index}", image.camera.base_from_camera
-        yield stamp_ns, "/tf", transform(stamp_ns, base_frame, frame, mount)
-        yield stamp_ns, f"{topic}/info", image.camera.info(stamp_ns, frame)
-        yield stamp_ns, f"{topic}/image", picture
+        at_ns = node.stamp_ns
+        yield at_ns, "/map/pose", pose_in_map(at_ns, pose, known)
+        for index, image in enumerate(item.images):
+            if image.colour is None:
+                continue
+            frame, encoded = f"{shown.base_frame}/camera{index}", image.colour.encoded
+            if not encoded:
+                encoded = encode_picture(np.asarray(image.colour.pixels(), np.uint8), "jpeg", 90)
+            picture = replace(image.colour, stamp_ns=at_ns, frame_id=frame, encoded=encoded)
+            topic, mount = f"/map/camera{index}", image.camera.base_from_camera
+            yield at_ns, "/tf", transform(at_ns, shown.base_frame, frame, mount)
+            yield at_ns, f"{topic}/info", image.camera.info(at_ns, frame)
+            yield at_ns, f"{topic}/image", picture
 
 
 _TOPICS = ("/map/grid", "/map/cloud", "/map/path", "/map/graph", "/map/pose")

@@ -50,7 +50,7 @@ def _row(estimate: Estimate) -> str:
 
 def _numbers(pose: NDArray[np.float64]) -> list[str]:
     values = [*pose[:3, 3].tolist(), *rotation_to_quaternion(pose[:3, :3]).tolist()]
-    return [f"{value + 0.0:.9f}" for value in values]
+    return [f"{value:z.9f}" for value in values]
 
 
 def write_localisation_mcap(path: Path, localisation: Localisation, *, base_frame: str) -> None:

@@ -53,11 +53,7 @@ def _stamped_lines(
     poses = trajectory.poses.reshape(-1, 4, 4)
     rows = np.hstack([poses[:, :3, 3], rotation_to_quaternion(poses[:, :3, :3])]).tolist()
     for stamp_ns, numbers in zip(trajectory.stamps_ns.tolist(), rows, strict=True):
-        yield separator.join([stamp_text(stamp_ns), *map(_text, numbers)])
-
-
-def _text(number: float) -> str:
-    return f"{number + 0.0:.9f}" if abs(number) >= 5e-10 else "0.000000000"  # no "-0.000000000"
+        yield separator.join([stamp_text(stamp_ns), *(f"{number:z.9f}" for number in numbers)])
 
 
 def read_trajectory(path: Path) -> Trajectory:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.report.contents import Evidence, ImageMatches, NodePicture, ScanOverlay
+from formats.report.contents import Evidence, ImageMatches, NodePicture
 from mapmyworld.errors import MapMyWorldError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.parallel import in_threads
@@ -61,9 +62,9 @@ def fetch_evidence(store: MapStore, constraints: Sequence[Judged], *, every_matc
     matches = _matches(store, {k: constraints[k] for k in chosen}, scans, most)
     evidence = []
     for k in chosen:
-        c = constraints[k]
-        overlay = _overlay(c, nodes) if {c.from_id, c.to_id} <= scans.keys() else None
-        evidence.append(Evidence(k, overlay, matches.get(k)))
+        tracked, measured = _by_tracking(constraints[k], nodes), constraints[k].i_from_j
+        ways = (matrix_to_planar(tracked), matrix_to_planar(measured))
+        evidence.append(Evidence(k, *ways, matches.get(k)))
     return Fetched(tuple(evidence), left_out, pictures, scans)
 
 
@@ -109,8 +110,12 @@ def _chosen(constraints: Sequence[Judged], nodes: Mapping[int, Node]) -> tuple[l
 
 def _moved(c: Judged, nodes: Mapping[int, Node]) -> float:
     """Metres by which tracking alone had missed what the constraint measures."""
-    start = between(nodes[c.from_id].tracked_from_base, nodes[c.to_id].tracked_from_base)
-    return float(np.linalg.norm(start[:3, 3] - c.i_from_j[:3, 3]))
+    return float(np.linalg.norm(_by_tracking(c, nodes)[:3, 3] - c.i_from_j[:3, 3]))
+
+
+def _by_tracking(c: Judged, nodes: Mapping[int, Node]) -> Array:
+    """What the constraint measures (4, 4), by tracking alone."""
+    return between(nodes[c.from_id].tracked_from_base, nodes[c.to_id].tracked_from_base)
 
 
 def _nearly(c: Judged) -> tuple[float, float]:
@@ -121,11 +126,6 @@ def _nearly(c: Judged) -> tuple[float, float]:
         case ImageMatch(inliers=inliers):
             return inliers / 100.0, 0.0
     return 0.0, 0.0
-
-
-def _overlay(c: Judged, nodes: Mapping[int, Node]) -> ScanOverlay:
-    start = between(nodes[c.from_id].tracked_from_base, nodes[c.to_id].tracked_from_base)
-    return ScanOverlay(matrix_to_planar(start), matrix_to_planar(c.i_from_j))
 
 
 def _matches(

@@ -47,16 +47,6 @@ class ShownConstraint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ScanOverlay:
-    """Two scans, and how the second lies upon the first, before and after."""
-
-    start: Array
-    """(3,) a_from_b as x, y, yaw by tracking alone."""
-    measured: Array
-    """(3,) by the constraint."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class ImageMatches:
     """What two images have in common; pixels of the full-size images."""
 
@@ -77,7 +67,10 @@ class Evidence:
 
     index: int
     """Of its constraint among those shown."""
-    scans: ScanOverlay | None
+    start: Array
+    """(3,) a_from_b as x, y, yaw by tracking alone."""
+    measured: Array
+    """(3,) by the constraint."""
     matches: ImageMatches | None
 
 

@@ -12,7 +12,6 @@ from formats.report.contents import (
     ImageMatches,
     NodePicture,
     ReportContents,
-    ScanOverlay,
     ShownConstraint,
 )
 from formats.report.page import data_uri
@@ -41,10 +40,7 @@ def definitions(contents: ReportContents) -> str:
 def card(item: Evidence, contents: ReportContents) -> str:
     """One closure: its facts, and pictures of what it rests on."""
     constraint = contents.constraints[item.index]
-    pictures = []
-    if item.scans is not None:
-        pictures += _scans(constraint, item.scans, contents)
-    pictures += _images(constraint, item.matches, contents)
+    pictures = _scans(constraint, item, contents) + _images(constraint, item.matches, contents)
     verdict = "accepted" if constraint.accepted else "rejected"
     kind = str(constraint.kind).replace("_", " ")
     return (
@@ -87,16 +83,14 @@ def _facts(constraint: ShownConstraint, matches: ImageMatches | None) -> Iterabl
             yield f"{matches.common_words} visual words in common"
 
 
-def _scans(
-    constraint: ShownConstraint, overlay: ScanOverlay, contents: ReportContents
-) -> list[str]:
+def _scans(constraint: ShownConstraint, item: Evidence, contents: ReportContents) -> list[str]:
     a, b = constraint.from_id, constraint.to_id
     if a not in contents.scans or b not in contents.scans:
         return []
     points = contents.scans[a]
     reach = float(np.percentile(np.abs(points), _SPREAD)) if len(points) else 1.0
     reach = 100.0 * max(reach, 0.5) * 1.15
-    views = (("by tracking alone", overlay.start), ("as measured", overlay.measured))
+    views = (("by tracking alone", item.start), ("as measured", item.measured))
     return [_overlay(a, b, moved, reach, caption) for caption, moved in views]
 
 

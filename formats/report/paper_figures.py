@@ -43,10 +43,9 @@ def _graph(figure: Any, contents: ReportContents) -> None:
 
 
 def _loops(figure: Any, contents: ReportContents) -> None:
+    ends = [(item, contents.constraints[item.index]) for item in contents.evidence]
     shown = [
-        item
-        for item in contents.evidence
-        if item.scans is not None and contents.constraints[item.index].accepted
+        item for item, c in ends if c.accepted and {c.from_id, c.to_id} <= contents.scans.keys()
     ][:_LOOPS]
     if not shown:
         raise MapError("this map has no accepted closure between scans to draw")
@@ -60,8 +59,7 @@ def _loops(figure: Any, contents: ReportContents) -> None:
 
 def _loop(axes: Any, item: Evidence, contents: ReportContents) -> None:
     constraint = contents.constraints[item.index]
-    assert item.scans is not None
-    x, y, yaw = item.scans.measured
+    x, y, yaw = item.measured
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     a, b = contents.scans[constraint.from_id], contents.scans[constraint.to_id]
     moved = b @ turn + [x, y]

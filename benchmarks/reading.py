@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from cli.interrupts import peak_memory_mb
-from formats.converting import Selection, convert_log
+from formats.converting import convert_log
 from formats.logs import open_log
 from formats.logs.compression import decompress
 from formats.logs.mcap_records import HEAD_BYTES, parse_chunk_head, record_head
@@ -119,7 +119,7 @@ def make_logs(folder: Path) -> list[Path]:
         (camera, "colour.mcap", None, colour),
     ]
     for source, name, compression, topics in jobs:
-        convert_log(open_log([source]), folder / name, Selection(topics), compression)
+        convert_log(open_log([source]), folder / name, topics=topics, compression=compression)
     recorded = [DATA / "bags" / "neato_with_particle_filter.bag"]  # bz2, as it was recorded
     return recorded + [folder / name for _, name, _, _ in jobs]
 

@@ -54,15 +54,17 @@ def convert(
     mapmyworld convert intel.clf.bz2 -o intel.mcap
     mapmyworld convert part_0.bag part_1.bag -o whole.mcap --topic /scan --topic /odom
     """
-    from formats.converting import Selection, convert_log
+    from formats.converting import convert_log
     from formats.logs import open_log
 
     require_output_name(output)
     require_apart(output, logs)
     log = open_log(logs)
-    selection = Selection(frozenset(topics) or None, start, duration)
     progress = StderrProgress()
-    result = convert_log(log, output, selection, compress, overwrite=overwrite, progress=progress)
+    result = convert_log(
+        log, output, topics=frozenset(topics) or None, start_s=start, duration_s=duration,
+        compression=compress, overwrite=overwrite, progress=progress,
+    )  # fmt: skip
     progress.finish()
     note(f"{output}: {result.messages} messages, {result.duration_s:.2f} s of recording")
     end_partial(result.losses)

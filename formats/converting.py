@@ -20,16 +20,6 @@ from mapmyworld.types.seams import Progress
 
 
 @dataclass(frozen=True, slots=True)
-class Selection:
-    """Which part of a log is wanted."""
-
-    topics: frozenset[str] | None = None
-    start_s: float = 0.0
-    """After the first message."""
-    duration_s: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class Conversion:
     """What was written, and what could not be."""
 
@@ -42,34 +32,37 @@ class Conversion:
 def convert_log(
     log: LogSource,
     output: Path,
-    selection: Selection,
-    compression: str | None = None,
     *,
+    topics: frozenset[str] | None = None,
+    start_s: float = 0.0,
+    duration_s: float | None = None,
+    compression: str | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Conversion:
-    """Writes the selected messages of `log`, in its order and with its log times, to `output`.
+    """Writes messages of `log`, in its order and with its log times, to `output`.
 
-    Raises LogError where nothing is selected or the output cannot be written.
+    Those of `topics`, from `start_s` after the first one on, for `duration_s`. Raises LogError
+    where there are none, or the output cannot be written.
     """
     info = log.info()
-    topics = {topic.topic for topic in info.topics}
-    if missing := sorted((selection.topics or frozenset()) - topics):
+    known = {topic.topic for topic in info.topics}
+    if missing := sorted((topics or frozenset()) - known):
         raise LogError(
-            f"no topic {', '.join(missing)} in the log: it has {', '.join(sorted(topics))}"
+            f"no topic {', '.join(missing)} in the log: it has {', '.join(sorted(known))}"
         )
     if any(Path(path).resolve() == output.resolve() for path in info.paths):
         raise LogError(f"{output}: is the log itself: name another output")
-    first_ns = info.start_ns + round(selection.start_s * 1e9)
-    end_ns = None if selection.duration_s is None else first_ns + round(selection.duration_s * 1e9)
+    first_ns = info.start_ns + round(start_s * 1e9)
+    end_ns = None if duration_s is None else first_ns + round(duration_s * 1e9)
     times: list[int] = []
     if progress is not None:
-        rest_s, most_s = info.duration_s - selection.start_s, selection.duration_s
-        wanted_s = max(rest_s, 0.0) if most_s is None else min(max(rest_s, 0.0), most_s)
+        rest_s = max(info.duration_s - start_s, 0.0)
+        wanted_s = rest_s if duration_s is None else min(rest_s, duration_s)
         progress.stage("convert", wanted_s, "s")
     with LogWriter(output, compression=compression, overwrite=overwrite) as writer:
         copier, messages, latched = Copier(writer), 0, 0
-        for time_ns, topic, write in copier.writes(log, selection.topics):
+        for time_ns, topic, write in copier.writes(log, topics):
             if end_ns is not None and time_ns >= end_ns:
                 break
             # Fixed transforms hold in the part that is wanted even where they came before it.
@@ -85,7 +78,7 @@ def convert_log(
                 f"nothing to write: no message of the selection in {', '.join(info.paths)}",
                 problems=(*copier.losses(), *log.info().problems),
             )
-    doubts = (doubt for topic, doubt in info.doubts if topic in (selection.topics or topics))
+    doubts = (doubt for topic, doubt in info.doubts if topic in (topics or known))
     losses = (*log.info().problems, *doubts, *copier.losses())
     return Conversion(messages, 1e-9 * (times[-1] - times[0]), losses)
 

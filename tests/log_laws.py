@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from log_builders import allowed
 
-from formats.converting import Selection, convert_log
+from formats.converting import convert_log
 from formats.logs import open_log
 from mapmyworld.types import LogSource, MessageKind, RawMessage
 
@@ -29,7 +29,7 @@ def check_laws(path: Path, scratch: Path) -> None:
     assert [identity(message) for message in log.messages()] == [identity(m) for m in messages]
     assert log.info() == open_log([path]).info()
     converted = scratch / "converted.mcap"
-    convert_log(log, converted, Selection(), overwrite=True)
+    convert_log(log, converted, overwrite=True)
     for ours, theirs in zip(messages, open_log([converted]).messages(), strict=True):
         assert identity(ours) == identity(theirs)
         said, read = contents(ours.decode()), contents(theirs.decode())

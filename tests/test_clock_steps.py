@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from room_drive import START_NS, STEP_NS, Entry, drive, write
 
-from formats.converting import Selection, convert_log
+from formats.converting import convert_log
 from formats.database import MemoryMap
 from formats.logs import open_log
 from mapmyworld.api import Silent
@@ -67,7 +67,7 @@ def test_a_converted_log_is_as_if_the_clock_had_not_been_set(
     found = {}
     for name in ("log", "plain"):
         result = convert_log(
-            open_log([tmp_path / f"{name}.{ending}"]), tmp_path / f"{name}_new.{into}", Selection()
+            open_log([tmp_path / f"{name}.{ending}"]), tmp_path / f"{name}_new.{into}"
         )
         new = open_log([tmp_path / f"{name}_new.{into}"])
         found[name] = [
@@ -80,8 +80,8 @@ def test_a_converted_log_is_as_if_the_clock_had_not_been_set(
 
 def test_a_part_of_a_log_is_taken_by_the_mended_clock(tmp_path: Path) -> None:
     write(tmp_path / "log.mcap", set_back(drive(200).entries))
-    selection = Selection(frozenset({"/scan"}), 12.0, 2.0)
-    convert_log(open_log([tmp_path / "log.mcap"]), tmp_path / "part.mcap", selection)
+    part = {"topics": frozenset({"/scan"}), "start_s": 12.0, "duration_s": 2.0}
+    convert_log(open_log([tmp_path / "log.mcap"]), tmp_path / "part.mcap", **part)
     times = [raw.log_time_ns for raw in open_log([tmp_path / "part.mcap"]).messages()]
     assert times == [START_NS + k * STEP_NS for k in range(120, 140)]
 

@@ -13,18 +13,28 @@ def components(node_count: int, tails: Index, heads: Index) -> Index:
 
     Connected components are numbered by their first nodes.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    edges = np.ones(len(tails), np.bool_), (tails, heads)
-    links = coo_array(edges, shape=(node_count, node_count))
-    return np.asarray(connected_components(links, directed=False)[1], np.int64)
+    first = first_nodes(node_count, tails, heads)
+    return np.asarray(np.unique(first, return_inverse=True)[1], np.int64)
 
 
 def first_nodes(node_count: int, tails: Index, heads: Index) -> Index:
     """(N,) the first node of the component of every node, by edges `tails`, `heads` (E,)."""
-    part = components(node_count, tails, heads)
-    return np.asarray(np.unique(part, return_index=True)[1][part], np.int64)
+    first = np.arange(node_count)
+    while True:  # each part that is known joins the first of its neighbours
+        joined, ends = first.copy(), (first[tails], first[heads])
+        for end in ends:
+            np.minimum.at(joined, end, np.minimum(*ends))
+        joined = _rooted(joined)
+        if np.array_equal(joined, first):
+            return first
+        first = joined
+
+
+def _rooted(parents: Index) -> Index:
+    """(N,) where the `parents` (N,) of every node end; roots are their own."""
+    while not np.array_equal(parents, above := parents[parents]):
+        parents = above
+    return parents
 
 
 def held_nodes(node_count: int, tails: Index, heads: Index, held: Index) -> NDArray[np.bool_]:

@@ -93,7 +93,7 @@ def lower_weights(planar: bool, information: Array, residuals: Array) -> tuple[A
     """
     turn, shift = (slice(2, 3), slice(0, 2)) if planar else (slice(0, 3), slice(3, 6))
     rotation = information[:, turn, turn]
-    tau = np.asarray(np.linalg.eigvalsh(information[:, shift, shift])[:, 0], np.float64)
+    tau = _smallest(information[:, shift, shift])
     if not information[:, turn, shift].any():
         return rotation, tau
     spin, length = residuals[:, turn], np.sum(residuals[:, shift] ** 2, axis=1)
@@ -114,6 +114,14 @@ def lower_weights(planar: bool, information: Array, residuals: Array) -> tuple[A
         kept = np.where(found > worth, np.stack([share * ratio, share]), kept)
         worth = np.maximum(found, worth)
     return kept[0][:, None, None] * rotation, kept[1] * tau
+
+
+def _smallest(matrices: Array) -> Array:
+    """The smallest eigenvalues (E,) of symmetric matrices (E, d, d), mostly diagonal ones."""
+    diagonal = matrices.diagonal(0, 1, 2)
+    if np.count_nonzero(matrices) == np.count_nonzero(diagonal):
+        return np.asarray(np.minimum.reduce(diagonal, axis=1))
+    return np.asarray(np.linalg.eigvalsh(matrices)[:, 0], np.float64)
 
 
 def multiplied_out(blocks: Blocks, x: Array) -> Array:

@@ -54,5 +54,9 @@ def canonical_order(edges: Edges) -> Index:
 
     Sums over sorted edges do not depend on the order in which a file or a matcher gave them.
     """
-    measured = edges.i_from_j.reshape(len(edges), -1).T
-    return np.lexsort((*measured, edges.to_ids, edges.from_ids))
+    order = np.lexsort((edges.to_ids, edges.from_ids))
+    tails, heads = edges.from_ids[order], edges.to_ids[order]
+    if ((tails[1:] == tails[:-1]) & (heads[1:] == heads[:-1])).any():
+        flat = edges.i_from_j.reshape(len(edges), -1).T
+        order = np.lexsort((*flat, edges.to_ids, edges.from_ids))
+    return order

@@ -173,6 +173,17 @@ def test_closures_of_a_second_lap_are_found_and_right() -> None:
     assert find_visual_closures(store, None, CONFIG, Silent()) == []
 
 
+def test_images_of_successive_nodes_are_believed_where_wheels_slip() -> None:
+    """Wheels that slip by 8 cm on a way of 10 report what is not so, and images show it."""
+    truth = circle((3.0, 2.5), 1.0, 20, 0.5)
+    slip = se3_exp([0.0, 0.0, 0.0, 0.08, 0.0, 0.0])
+    tracked = [*truth[:10], *(truth[9] @ slip @ between(truth[9], p) for p in truth[10:])]
+    found = find_visual_closures(store_of(Room(), truth, tracked, 1.0), None, CONFIG, Silent())
+    across = [c for c in found if c.accepted and {c.from_id, c.to_id} == {10, 11}]
+    assert len(across) == 1
+    assert max(translation_errors(across, truth)) < 0.02
+
+
 def test_identical_pictures_along_a_wall_close_no_loop() -> None:
     """The pictures repeat every 2 m: whatever fits, fits elsewhere as well."""
     room = Room(size=(16.0, 3.0, 2.5), period=2.0)

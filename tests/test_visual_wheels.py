@@ -15,7 +15,16 @@ from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.places.drift import Drift
 from mapmyworld.places.wheel_check import check_wheels, corrected
-from mapmyworld.types import ConstraintKind, ImageMatch, Judged, Node, Odometry
+from mapmyworld.types import (
+    ConstraintKind,
+    ImageMatch,
+    Judge,
+    Judged,
+    Node,
+    Odometry,
+    Verdict,
+    Why,
+)
 
 
 def drive(
@@ -84,6 +93,22 @@ def test_a_motion_that_images_contradict_is_as_uncertain_as_it_is_off() -> None:
     slipped, other = (np.linalg.inv(mended[k].information) for k in (119, 20))
     assert np.sqrt(slipped[3, 3]) == pytest.approx(0.05, abs=0.005)
     assert np.sqrt(other[3, 3]) == pytest.approx(0.001, rel=0.3)
+
+
+def test_what_images_measure_too_vaguely_for_a_closure_joins_the_wheels() -> None:
+    """A motion that wheels know to a millimetre, and images twice as well."""
+    nodes, seen = drive(0.0, 0.0, 0.0)
+    vague = Verdict(Judge.CAMERA, False, Why.UNCERTAIN_ROTATION)
+    seen[120] = replace(seen[120].judged(vague), information=4e6 * np.eye(6))
+    check, steps = check_wheels(nodes, seen), reported(nodes)
+    assert check is not None
+    assert check.seen == len(seen) - 1
+    joined, alone = corrected(nodes, steps, check)[len(steps) :][120], check.motions.measured()[120]
+    share = 1.0 - joined.information[3, 3] ** -1 * 1e6
+    assert share == pytest.approx(0.8, abs=0.05)
+    found = matrix_to_planar(seen[120].i_from_j) - alone
+    moved = matrix_to_planar(joined.i_from_j) - alone
+    np.testing.assert_allclose(moved[:2], 0.8 * found[:2], atol=0.1 * np.abs(found[:2]).max())
 
 
 def test_a_few_images_indicate_nothing() -> None:

@@ -94,14 +94,15 @@ def _judge(
 ) -> list[Judged]:
     """Constraints with their verdicts: geometry, drift of the tracked poses, ambiguity.
 
-    `limit`: sigmas of drift by which a closure may contradict tracked poses.
+    `limit`: sigmas of drift by which a closure may contradict tracked poses. Images of successive
+    nodes may, where wheels slip: they claim no place.
     """
     aliases: dict[int, float] = defaultdict(lambda: np.inf)
     verdicts: list[Verdict] = []
     for proposal, pair in verified:
         verdict = pair.registration.verdict
         i, j = _nodes_of(images, proposal)
-        if pair.fits and drift.comparable(i, j):
+        if proposal.guess is None and pair.fits and drift.comparable(i, j):
             own = pair.sigma_translation, pair.sigma_rotation
             motion = pair.registration.a_from_b
             sigma, metres, radians = drift.excess(j, i, motion, own)
@@ -111,7 +112,7 @@ def _judge(
                 }  # fmt: skip
                 contradicts = Verdict(Judge.CAMERA, False, Why.MOTION_CONTRADICTS, numbers)
                 verdict = contradicts if verdict.accepted else verdict
-                for k in (i, j) if proposal.guess is None else ():
+                for k in (i, j):
                     aliases[k] = min(aliases[k], metres)
         verdicts.append(verdict)
     constraints = []

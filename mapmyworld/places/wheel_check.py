@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mapmyworld.backend.block_matrix import diagonals
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import (
-    covariance_from_planar,
+    information_from_planar,
     information_to_planar,
     matrix_to_planar,
     planar_to_matrix,
@@ -29,7 +30,7 @@ from mapmyworld.types import (
 )
 
 _ENOUGH = 20  # motions from which wheels can be calibrated
-_OUT_OF_PLANE = 1e-8  # rad^2 and m^2 by which a planar robot leaves its plane, a motion
+_VAGUE = Why.UNCERTAIN_TRANSLATION, Why.UNCERTAIN_ROTATION
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,11 +40,13 @@ class WheelCheck:
     motions: CalibratedMotions
     """N - 1, between successive nodes."""
     seen: int
-    """How many of them images measured."""
+    """How many of them images measured as surely as a closure must be."""
     missed: Array
     """(N - 1, 3) by what images differ from the calibrated odometry: m, m, rad. 0 if not seen."""
     slips: Index
     """(K,) which of them wheels and images indicate differently, by the noise of both."""
+    vague: Array
+    """(N - 1, 3, 3) information of what images measured less surely; 0 if they did not."""
     stamps_ns: Index
     """(N,) of the nodes."""
 
@@ -52,6 +55,16 @@ class WheelCheck:
         """What was found, as the source of corrected motions."""
         scale, *_, by_metre, by_radian = self.motions.errors[0].tolist()
         return CorrectedOdometry(scale, by_radian, float(np.degrees(by_metre)))
+
+    def motion(self) -> tuple[Array, Array]:
+        """The motions (N - 1, 3) that wheels measured, and vague images with them, and their
+        information (N - 1, 3, 3). One that images contradict is as uncertain as it is off.
+        """
+        variances = self.motions.variances()
+        variances[self.slips] += self.missed[self.slips] ** 2
+        information = diagonals(1.0 / variances) + self.vague
+        pull = self.vague @ self.missed[:, :, None]
+        return self.motions.measured() + np.linalg.solve(information, pull)[:, :, 0], information
 
     def lines(self) -> tuple[str, ...]:
         """What a user should know."""
@@ -78,22 +91,31 @@ def check_wheels(nodes: Sequence[Node], constraints: Sequence[Judged]) -> WheelC
     """The recorded odometry of `nodes` against image pairs; None where too few were matched."""
     row, seen = {node.id: k for k, node in enumerate(nodes)}, dict[int, Judged]()
     for c in constraints:
-        steps = isinstance(c.source, ImageMatch) and c.accepted and c.source.steps
-        if steps == 1 and row.get(c.to_id) == row.get(c.from_id, -2) + 1:
+        follows = row.get(c.to_id) == row.get(c.from_id, -2) + 1
+        if follows and isinstance(c.source, ImageMatch) and c.source.steps == 1 and _fits(c):
             seen[row[c.from_id]] = c
-    if len(seen) < _ENOUGH:
+    rows, before = np.array(list(seen), np.int64), np.arange(len(nodes) - 1)
+    sharp = rows[[c.accepted for c in seen.values()]]
+    if len(sharp) < _ENOUGH:
         return None
-    rows, before = np.array(list(seen)), np.arange(len(nodes) - 1)
-    found, is_found = np.zeros((len(before), 3)), np.isin(before, rows)
+    found, own = np.zeros((len(before), 3)), np.zeros((len(before), 3, 3))
     found[rows] = matrix_to_planar(np.stack([c.i_from_j for c in seen.values()]))
+    own[rows] = information_to_planar(np.stack([c.information for c in seen.values()]))
     one_robot = [replace(node, session=0) for node in nodes]
-    motions = CalibratedMotions(one_robot, (before, before + 1), found, is_found)
-    missed = np.where(is_found[:, None], motions.missed(found), 0.0)
-    own = np.linalg.inv(np.stack([c.information for c in seen.values()]))
-    variances = motions.variances()[rows] + information_to_planar(own).diagonal(0, 1, 2)
-    slips = np.sort(rows[np.sum(missed[rows] ** 2 / variances, axis=1) > OUTLIER])
+    ends = before, before + 1
+    motions = CalibratedMotions(one_robot, ends, found, np.isin(before, sharp))
+    missed = np.where(np.isin(before, rows)[:, None], motions.missed(found), 0.0)
+    variances = motions.variances()[rows] + np.linalg.inv(own[rows]).diagonal(0, 1, 2)
+    contradicts = rows[np.sum(missed[rows] ** 2 / variances, axis=1) > OUTLIER]
+    own[sharp] = own[contradicts] = 0.0
     stamps = np.array([node.stamp_ns for node in nodes], np.int64)
-    return WheelCheck(motions, len(seen), missed, slips, stamps)
+    slips = np.intersect1d(contradicts, sharp)
+    return WheelCheck(motions, len(sharp), missed, slips, own, stamps)
+
+
+def _fits(pair: Judged) -> bool:
+    """Whether enough of two images agrees, however uncertain the motion that it agrees on."""
+    return pair.accepted or pair.verdicts[-1].why in _VAGUE
 
 
 def corrected(
@@ -102,21 +124,17 @@ def corrected(
     """The constraints; motions that wheels measured are calibrated by `check`.
 
     The model of wheels takes one motion's error to know nothing of the next one's. An error that
-    all motions share adds up much faster where images measure none of them. A motion that images
-    contradict is as uncertain as it is off.
+    all motions share adds up much faster where images measure none of them. What images measured
+    too vaguely for a constraint of its own joins the wheels.
     """
-    motion_of = {node.id: k for k, node in enumerate(nodes)}
-    measured = planar_to_matrix(check.motions.measured())
-    slipped = np.zeros_like(check.missed)
-    slipped[check.slips] = check.missed[check.slips]
-    planar = np.eye(3) * (check.motions.variances() + slipped**2)[:, None]
-    covariances = covariance_from_planar(planar, off_plane=_OUT_OF_PLANE)
+    row = {node.id: k for k, node in enumerate(nodes)}
+    planar, known = check.motion()
+    measured, information = planar_to_matrix(planar), information_from_planar(known)
     verdict = Verdict(Judge.CAMERA, False, Why.CORRECTED)
 
     def mended(c: Judged) -> Judged:
-        k = motion_of[c.from_id]
-        information = np.linalg.inv(covariances[k])
-        return replace(c, i_from_j=measured[k], information=information, source=check.source)
+        k = row[c.from_id]
+        return replace(c, i_from_j=measured[k], information=information[k], source=check.source)
 
     by_wheels = [isinstance(c.source, WHEELS) for c in constraints]
     return [

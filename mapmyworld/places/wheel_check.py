@@ -40,13 +40,13 @@ class WheelCheck:
     motions: CalibratedMotions
     """N - 1, between successive nodes."""
     seen: int
-    """How many of them images measured as surely as a closure must be."""
+    """How many of them images measured as well as a closure must be known."""
     missed: Array
     """(N - 1, 3) by what images differ from the calibrated odometry: m, m, rad. 0 if not seen."""
     slips: Index
     """(K,) which of them wheels and images indicate differently, by the noise of both."""
     vague: Array
-    """(N - 1, 3, 3) information of what images measured less surely; 0 if they did not."""
+    """(N - 1, 3, 3) information of what images measured less well; 0 if they did not."""
     stamps_ns: Index
     """(N,) of the nodes."""
 

@@ -19,7 +19,9 @@ SWAP_ROTATION_TRANSLATION = np.array([3, 4, 5, 0, 1, 2])
 def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Array:
     """The matrix (..., 4, 4) of a rotation (..., 3, 3) and a translation (..., 3)."""
     r, t = np.asarray(rotation, np.float64), np.asarray(translation, np.float64)
-    matrix = np.zeros((*np.broadcast_shapes(r.shape[:-2], t.shape[:-1]), 4, 4))
+    same = r.shape[:-2] == t.shape[:-1]  # numpy takes long to find out
+    shape = t.shape[:-1] if same else np.broadcast_shapes(r.shape[:-2], t.shape[:-1])
+    matrix = np.zeros((*shape, 4, 4))
     matrix[..., :3, :3], matrix[..., :3, 3], matrix[..., 3, 3] = r, t, 1.0
     return matrix
 
@@ -35,6 +37,10 @@ def invert(a_from_b: ArrayLike) -> Array:
     """`b_from_a` (..., 4, 4) of `a_from_b` (..., 4, 4), by the transpose of the rotation."""
     m = np.asarray(a_from_b, np.float64)
     inverse = np.zeros(m.shape)
+    if m.ndim == 2:  # one alone, five times as fast
+        inverse[:3, :3], inverse[3, 3] = m[:3, :3].T, 1.0
+        inverse[:3, 3] = -(m[:3, 3] @ m[:3, :3])
+        return inverse
     rotation = np.swapaxes(m[..., :3, :3], -1, -2)
     inverse[..., :3, :3] = rotation
     inverse[..., :3, 3] = -np.einsum("...ij,...j->...i", rotation, m[..., :3, 3])

@@ -88,7 +88,7 @@ class WheelCheck:
 
 
 def check_wheels(nodes: Sequence[Node], constraints: Sequence[Judged]) -> WheelCheck | None:
-    """The recorded odometry of `nodes` against image pairs; None where too few were matched."""
+    """The recorded odometry of a log's `nodes` against image pairs; None where those are few."""
     row, seen = {node.id: k for k, node in enumerate(nodes)}, dict[int, Judged]()
     for c in constraints:
         follows = row.get(c.to_id) == row.get(c.from_id, -2) + 1
@@ -101,9 +101,7 @@ def check_wheels(nodes: Sequence[Node], constraints: Sequence[Judged]) -> WheelC
     found, own = np.zeros((len(before), 3)), np.zeros((len(before), 3, 3))
     found[rows] = matrix_to_planar(np.stack([c.i_from_j for c in seen.values()]))
     own[rows] = information_to_planar(np.stack([c.information for c in seen.values()]))
-    one_robot = [replace(node, session=0) for node in nodes]
-    ends = before, before + 1
-    motions = CalibratedMotions(one_robot, ends, found, np.isin(before, sharp))
+    motions = CalibratedMotions(nodes, (before, before + 1), found, np.isin(before, sharp))
     missed = np.where(np.isin(before, rows)[:, None], motions.missed(found), 0.0)
     variances = motions.variances()[rows] + np.linalg.inv(own[rows]).diagonal(0, 1, 2)
     contradicts = rows[np.sum(missed[rows] ** 2 / variances, axis=1) > OUTLIER]

@@ -97,9 +97,9 @@ def closures_by_laser(
 
 
 def _check_wheels(store: MapStore, progress: Progress, *, alone: bool) -> None:
-    """Says what images think of the recorded odometry, where both are there.
+    """Compares the recorded odometry with images, where both are there.
 
-    Where wheels `alone` reported the motion, what all of it shares in error is taken out.
+    Where wheels `alone` reported the motion, and in a plane, it is calibrated by them.
     """
     if store.tracked_frames().odom_from_base is None:
         return

@@ -1,8 +1,10 @@
 """Laser mapping on logs that nobody tuned for: one row a log, all with the default settings.
 
 python benchmarks/unseen.py [LOG...] [--data FOLDER] [--set KEY=VALUE] [--method fastslam]
+python benchmarks/unseen.py [LOG...] --altered half stall,gap,people --seeds 13 14
 
-A LOG is a name below, all by default, or a file, as `laser_altered.py` makes them.
+A LOG is a name below, all by default, or a file. Altered ones are each building, or LOG beside its
+reference, changed as `laser_altered.py` names it, once a seed; several ways at once with commas.
 Errors are RMSE of all scans after the best rigid alignment
 for buildings with a reference trajectory, and the mean translational error for logs with relations.
 A closure is false where it misses the reference by more than 0.5 m or 5 degrees. Recall: of the
@@ -15,11 +17,15 @@ from __future__ import annotations
 import argparse
 import os
 import resource
+import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from laser_altered import altered
 from laser_recall import closures_of, recalled, returns
 
 from formats.database import MemoryMap
@@ -72,29 +78,47 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("logs", nargs="*", default=list(LOGS))
+    parser.add_argument("logs", nargs="*")
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("--method", default="graph")
     parser.add_argument("--grid", type=Path, help="folder for a picture of each map")
+    parser.add_argument("--altered", nargs="+", metavar="KIND[,KIND]", help="ways to change logs")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0], help="one version for each")
     arguments = parser.parse_args()
     config = apply_settings(Config(), dict(s.split("=", 1) for s in arguments.set))
     print(
-        f"{'log':<23}{'error m':>9}{'closures':>12}{'false':>6}{'recall':>8}"
+        f"{'log':<37}{'error m':>9}{'closures':>12}{'false':>6}{'recall':>8}"
         f"{'nbr':>6}{'loop':>6}{'CPU s':>8}{'x real':>8}{'MB':>6}  losses"
     )
-    for name in arguments.logs:
-        path = arguments.data / LOGS[name] if name in LOGS else Path(name)
-        name = path.name.split(".")[0] if name not in LOGS else name
-        row = run(path, config, arguments.method, arguments.grid, name)
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-        n = [row.normalised.get(k, float("nan")) for k in ("neighbour", "loop_closure")]
-        print(
-            f"{name:<23}{row.error:9.4f}{row.accepted:6d}/{row.tried:<5d}{row.false:6d}"
-            f"{row.recall:8.1%}{n[0]:6.2f}{n[1]:6.2f}{row.cpu_s:8.1f}"
-            f"{row.realtime:8.0f}{peak:6d}  {'; '.join(row.losses)[:120]}",
-            flush=True,
-        )
+    with tempfile.TemporaryDirectory(prefix="altered-") as made:
+        for name, path in _logs(arguments, Path(made)):
+            row = run(path, config, arguments.method, arguments.grid, name)
+            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+            n = [row.normalised.get(k, float("nan")) for k in ("neighbour", "loop_closure")]
+            print(
+                f"{name:<37}{row.error:9.4f}{row.accepted:6d}/{row.tried:<5d}{row.false:6d}"
+                f"{row.recall:8.1%}{n[0]:6.2f}{n[1]:6.2f}{row.cpu_s:8.1f}"
+                f"{row.realtime:8.0f}{peak:6d}  {'; '.join(row.losses)[:120]}",
+                flush=True,
+            )
+
+
+def _logs(arguments: argparse.Namespace, folder: Path) -> Iterator[tuple[str, Path]]:
+    """Names and files of the logs; altered ones are written to the folder."""
+    names = arguments.logs or list(BUILDINGS if arguments.altered else LOGS)
+    files = [arguments.data / LOGS[name] if name in LOGS else Path(name) for name in names]
+    names = [
+        n if n in LOGS else file.name.split(".")[0] for n, file in zip(names, files, strict=True)
+    ]
+    if not arguments.altered:
+        yield from zip(names, files, strict=True)
+        return
+    for kinds, seed in product(arguments.altered, arguments.seeds):
+        for name, file in zip(names, files, strict=True):
+            reference = file.with_name(file.name.split(".clf")[0] + ".ref.tum")
+            title = f"{name}-{kinds}-{seed}"
+            yield title, altered(file, reference, folder / title, kinds.split(","), seed)
 
 
 def run(path: Path, config: Config, method: str, pictures: Path | None, name: str) -> Row:

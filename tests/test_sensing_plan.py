@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -360,3 +361,39 @@ def test_a_tilted_laser_is_not_taken_for_a_level_one() -> None:
 def test_a_mount_that_is_no_place_on_a_robot_is_refused(mount: str) -> None:
     with pytest.raises(ConfigError, match="no place on a robot"):
         plan_of(drive(), scan_mount=mount)
+
+
+def panned(turn: float, offset_ns: int = 0) -> Entries:
+    """A drive whose laser sits on a joint that turns by so much in all, stamps so much later."""
+    entries: Entries = [("/tf_static", transform("base_link", "pan_base", (0.2, 0, 0.1)), 0)]
+    for topic, message, time in drive():
+        shifted = replace(message, stamp_ns=message.stamp_ns + offset_ns)
+        joint = transform(
+            "pan_base", "laser", (0, 0, turn * (time / (9 * STEP_NS) - 0.5)), shifted.stamp_ns,
+            static=False,
+        )  # fmt: skip
+        entries += [("/tf", joint, time), (topic, shifted, time)]
+    return entries
+
+
+@pytest.mark.parametrize("offset_ns", [0, 7200 * 10**9])
+def test_a_sensor_on_a_joint_is_found_by_the_stamps_of_tf(offset_ns: int) -> None:
+    """It was looked for at the log time: with simulated stamps its mount was called unknown."""
+    plan = plan_of(panned(0.02, offset_ns))
+    assert plan.scan is not None
+    assert plan.scan.base_from_lidar[:2, 3] == pytest.approx([0.2, 0.0])
+    assert not plan.losses
+
+
+def test_a_laser_that_turns_on_the_robot_is_a_loss_and_comes_after_one_that_does_not() -> None:
+    """A map was made as if it always looked where it did in the middle of the log, unsaid."""
+    plan = plan_of(panned(1.0))
+    assert any("laser moves against base_link by up to 0.00 m and 3" in s for s in plan.losses)
+    narrow = scan_at(1, np.full(91, 2.0), frame_id="fixed", angle_increment=np.pi / 180)
+    fixed: Entries = [("/tf_static", transform("base_link", "fixed", (0.1, 0, 0)), 0)]
+    times = [i * STEP_NS + 1 for i in range(10)]
+    fixed += [("/scan_fixed", replace(narrow, stamp_ns=time), time) for time in times]
+    plan = plan_of(sorted(panned(1.0) + fixed, key=lambda entry: entry[2]))
+    assert plan.scan is not None
+    assert plan.scan.topic == "/scan_fixed"
+    assert not plan.losses

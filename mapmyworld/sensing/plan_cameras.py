@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.errors import LogError
 from mapmyworld.sensing.grey_images import bits_of, eight_bits, is_grey
 from mapmyworld.sensing.plan import CameraSource, Draft, ScanSource
-from mapmyworld.sensing.sensor_mounts import mount_of
+from mapmyworld.sensing.sensor_mounts import Mount, check_joint, mount_of
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import frame_name
 from mapmyworld.types import CameraInfoMessage, CameraModel, ImageMessage, MessageKind
@@ -208,13 +208,15 @@ def source_of(
     if fault:
         draft.losses.append(f"the camera is not used: {info_stream.topic} holds {fault}")
         return None
-    mount, assumed = mount_of(draft, base, colour.sample.frame_id or info.frame_id, "camera")
-    if assumed:
+    frame_id = colour.sample.frame_id or info.frame_id
+    mount = mount_of(draft, base, frame_id, "camera")
+    check_joint(draft, base, frame_id, mount)
+    if mount.is_assumed:
         draft.losses.append(
             f"no transform from {base} to {frame_name(colour.sample.frame_id) or 'the camera'}: "
             "the camera is assumed to look forward from the base; set sensing.camera_mount"
         )
-        mount = _LOOKING_FORWARD
+        mount = Mount(_LOOKING_FORWARD)
     scale = np.diag([colour.width / (info.width or colour.width)] * 2 + [1.0])
     rectified = "rect" in colour.topic.rsplit("/", 2)[-1]
     model = CameraModel(
@@ -224,7 +226,7 @@ def source_of(
         @ (info.projection[:, :3] if rectified and info.projection[0, 0] > 0 else info.intrinsics),
         distortion_model="" if rectified else info.distortion_model,
         distortion=np.zeros(0) if rectified else info.distortion,
-        base_from_camera=mount,
+        base_from_camera=mount.base_from_sensor,
     )
     return CameraSource(colour.topic, depth.topic, model, colour.grey_bits)
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from mapmyworld.errors import LogError
 from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points, view_of
 from mapmyworld.sensing.plan import Draft, ScanSource
-from mapmyworld.sensing.sensor_mounts import mount_of
+from mapmyworld.sensing.sensor_mounts import Mount, check_joint, mount_of
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.sweeps import valid_ranges
 from mapmyworld.sensing.transforms import frame_name
@@ -61,8 +61,8 @@ def _judge(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
     scan = scans[0]
     field = abs(scan.angle_increment) * len(scan.ranges)
     returns = float(np.mean([valid_ranges(s).sum() / max(len(s.ranges), 1) for s in scans]))
-    mount, assumed = mount_of(draft, base, scan.frame_id, "scan")
-    tilt = float(np.arccos(np.clip(abs(mount[2, 2]), -1.0, 1.0)))
+    mount = mount_of(draft, base, scan.frame_id, "scan")
+    tilt = float(np.arccos(np.clip(abs(mount.base_from_sensor[2, 2]), -1.0, 1.0)))
     why = (
         f"{stream.count} scans at {stream.frequency:.1f} Hz, {len(scan.ranges)} beams over "
         f"{np.degrees(field):.0f} deg, {returns:.0%} returns"
@@ -76,7 +76,12 @@ def _judge(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
         return _FAULTY, f"{why}; a map needs scans of at least two times"
     if not returns:
         return _FAULTY, f"{why}; no range in the log is usable"
-    return field * min(stream.frequency, 10.0) * (0.2 + returns) * (0.5 if assumed else 1.0), why
+    return field * min(stream.frequency, 10.0) * (0.2 + returns) * _trust(mount), why
+
+
+def _trust(mount: Mount) -> float:
+    """Share that a laser counts by how well it is known where it sits."""
+    return 0.1 if mount.is_loose else 0.5 if mount.is_assumed else 1.0
 
 
 def _fault_of(scans: list[LaserScanMessage]) -> str:
@@ -98,15 +103,15 @@ def _judge_clouds(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
     clouds = [m for m in stream.samples if isinstance(m, PointCloudMessage) and len(m.points)]
     if not clouds:
         return 0.0, "none of its messages holds a point"
-    mount, assumed = mount_of(draft, base, clouds[0].frame_id, "scan")
-    view = max(_view(draft, cloud, mount) for cloud in clouds)
+    mount = mount_of(draft, base, clouds[0].frame_id, "scan")
+    view = max(_view(draft, cloud, mount.base_from_sensor) for cloud in clouds)
     why = (
         f"{stream.count} clouds at {stream.frequency:.1f} Hz; between sensing.cloud_lowest and "
         f"cloud_highest they show {np.degrees(view):.0f} deg"
     )
     if view < _NARROW:
         return 0.0, f"{why}: field of view too narrow for a lidar"
-    return _AFTER_SCANS * view * min(stream.frequency, 10.0) * (0.5 if assumed else 1.0), why
+    return _AFTER_SCANS * view * min(stream.frequency, 10.0) * _trust(mount), why
 
 
 def _view(draft: Draft, cloud: PointCloudMessage, mount: NDArray[np.float64]) -> float:
@@ -120,8 +125,9 @@ def _view(draft: Draft, cloud: PointCloudMessage, mount: NDArray[np.float64]) ->
 def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
     scan = next(m for m in stream.samples if isinstance(m, LaserScanMessage | PointCloudMessage))
     timed = isinstance(scan, LaserScanMessage) and scan.time_increment != 0
-    mount, assumed = mount_of(draft, base, scan.frame_id, "scan")
-    if assumed:
+    mount = mount_of(draft, base, scan.frame_id, "scan")
+    check_joint(draft, base, scan.frame_id, mount)
+    if mount.is_assumed:
         draft.losses.append(
             f"no transform from {base} to {frame_name(scan.frame_id) or 'the laser'}: the laser is "
             'assumed to sit at the base; set sensing.scan_mount = "x y z roll pitch yaw"'
@@ -136,4 +142,4 @@ def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
             f"{stream.topic} does not say when each beam was taken (time_increment 0): sweeps are "
             "not corrected for the robot's motion"
         )
-    return ScanSource(stream.topic, mount, timed)
+    return ScanSource(stream.topic, mount.base_from_sensor, timed)

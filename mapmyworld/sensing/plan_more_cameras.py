@@ -41,8 +41,8 @@ def choose_more_cameras(
         if colour.topic in used or not _is_like(colour, first):
             continue
         depth = _depth_of(colour, [i for i in images if i.topic not in used])
-        _, mount_assumed = mount_of(draft, base, colour.sample.frame_id, "camera")
-        if depth is None or mount_assumed or not infos:
+        mount = mount_of(draft, base, colour.sample.frame_id, "camera")
+        if depth is None or mount.is_assumed or mount.is_loose or not infos:
             continue
         stream, info = info_for(draft, colour, infos)
         if frame_name(info.frame_id) != frame_name(colour.sample.frame_id):

@@ -11,6 +11,7 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.plan import Draft, ImuSource, OdometrySource, ScanSource
 from mapmyworld.sensing.plan_base import BASES, ODOMS, WORLDS
+from mapmyworld.sensing.sensor_mounts import by_tf
 from mapmyworld.sensing.stalls import without_losses, without_resets, without_stalls
 from mapmyworld.sensing.transforms import frame_name, is_called
 from mapmyworld.types import ImuMessage, MessageKind
@@ -152,8 +153,11 @@ def choose_imu(draft: Draft, base: str) -> ImuSource | None:
         return None
     sample = best.first(ImuMessage)
     frame = frame_name(sample.frame_id) if sample else ""
-    mount = np.eye(4) if frame in {"", base} else draft.survey.tree.lookup(base, frame, 0)
-    if mount is None:
+    mount = by_tf(draft, base, frame or base)
+    if mount.is_loose:
+        draft.decide("imu", "", f"{best.topic}: {frame} moves against {base}")
+        return None
+    if mount.is_assumed:
         draft.decide("imu", "", f"{best.topic}: tf does not say how {frame} is mounted")
         draft.losses.append(
             f"{best.topic} is left out: tf does not say how {frame} is mounted on {base}; record "
@@ -161,7 +165,7 @@ def choose_imu(draft: Draft, base: str) -> ImuSource | None:
         )
         return None
     draft.decide("imu", best.topic, f"{best.count} samples at {best.frequency:.0f} Hz")
-    return ImuSource(best.topic, mount)
+    return ImuSource(best.topic, mount.base_from_sensor)
 
 
 def is_planar(draft: Draft, odometry: OdometrySource | None, scan: ScanSource | None) -> bool:

@@ -14,6 +14,7 @@ from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion, is_place
 from mapmyworld.types import TransformsMessage
 
 _STILL_NS = 100_000_000  # between the times at which one that may yet move was seen to stand
+_PLACES = 200  # look-ups that show how far one frame moves against another
 _CONSTANT = 1e-6  # metres and radians within which a transform on /tf counts as fixed
 
 
@@ -135,6 +136,16 @@ class TransformTree:
         if parts[0] is None or parts[1] is None:
             return None
         return np.asarray(invert(parts[1]) @ parts[0])
+
+    def places(self, target: str, source: str) -> NDArray[np.float64]:
+        """`target_from_source` (N, 4, 4) over the record, by its own stamps; N is 1 where nothing
+        between the two moves, 0 where they are unconnected.
+        """
+        motions = [e.motion for part in self.chain(target, source) or () for e in part if e.motion]
+        rarest = min(motions, key=len, default=None)
+        stamps = [0] if rarest is None else rarest.stamps_ns[:: len(rarest) // _PLACES + 1]
+        found = [self.lookup(target, source, int(stamp_ns)) for stamp_ns in stamps]
+        return np.array([place for place in found if place is not None]).reshape(-1, 4, 4)
 
 
 def _record(edge: Edge, stamp_ns: int, pose: NDArray[np.float64]) -> None:

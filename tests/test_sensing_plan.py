@@ -397,3 +397,20 @@ def test_a_laser_that_turns_on_the_robot_is_a_loss_and_comes_after_one_that_does
     assert plan.scan is not None
     assert plan.scan.topic == "/scan_fixed"
     assert not plan.losses
+
+
+@pytest.mark.parametrize(
+    ("time_increment", "timed"), [(0.0005, True), (0.0, False), (-0.0005, False), (0.5, False)]
+)
+def test_beams_have_times_only_where_a_sweep_ends_before_the_next(
+    time_increment: float, *, timed: bool
+) -> None:
+    """Milliseconds put a beam minutes after its sweep, which was then left as it was, unsaid."""
+    scans = [
+        (topic, replace(m, time_increment=time_increment) if topic == "/scan" else m, time)
+        for topic, m, time in with_mount(drive())
+    ]
+    plan = plan_of(scans)
+    assert plan.scan is not None
+    assert plan.scan.beams_are_timed == timed
+    assert ("does not say when each beam" in "\n".join(plan.warnings)) == (not timed)

@@ -19,6 +19,7 @@ _FAULTY = -1.0  # of a laser that could serve if it were sound: a loss; 0: one m
 _LEAST_BEAMS = 2  # a single one is a range finder's
 _WHOLE = 6.3  # rad, more than which no two beams lie apart
 _TWICE_ROUND = 2 * _WHOLE  # rad from the first beam to the last that no sweep spans
+_LONGEST_SWEEP = 2.0  # times that from one sweep to the next; longer in other units than seconds
 _NARROW = 2.0  # rad that clouds show at least where they are a lidar's and not a camera's
 _AFTER_SCANS = 1e-4  # weight of clouds: any usable laser comes first
 
@@ -124,7 +125,7 @@ def _view(draft: Draft, cloud: PointCloudMessage, mount: NDArray[np.float64]) ->
 
 def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
     scan = next(m for m in stream.samples if isinstance(m, LaserScanMessage | PointCloudMessage))
-    timed = isinstance(scan, LaserScanMessage) and scan.time_increment != 0
+    timed = isinstance(scan, LaserScanMessage) and _is_timed(scan, stream)
     mount = mount_of(draft, base, scan.frame_id, "scan")
     check_joint(draft, base, scan.frame_id, mount)
     if mount.is_assumed:
@@ -139,7 +140,15 @@ def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
         )
     elif not timed:
         draft.warnings.append(
-            f"{stream.topic} does not say when each beam was taken (time_increment 0): sweeps are "
-            "not corrected for the robot's motion"
+            f"{stream.topic} does not say when each beam was taken (time_increment "
+            f"{scan.time_increment:g}): sweeps are not corrected for the robot's motion"
         )
     return ScanSource(stream.topic, mount.base_from_sensor, timed)
+
+
+def _is_timed(scan: LaserScanMessage, stream: Stream) -> bool:
+    """Whether its beams have times that a sweep can have: it ends before the next but one."""
+    steps = max(stream.count - 1, 1)
+    period = 1e-9 * (stream.latest_stamp_ns - (stream.first_stamp_ns or 0)) / steps
+    period = period or 1.0 / stream.frequency
+    return bool(0.0 < scan.time_increment * len(scan.ranges) < _LONGEST_SWEEP * period)

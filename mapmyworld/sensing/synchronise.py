@@ -15,7 +15,7 @@ from mapmyworld.errors import LogError
 from mapmyworld.sensing.camera_queue import CameraQueue, Pending, nearest
 from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points
 from mapmyworld.sensing.order import in_stamp_order
-from mapmyworld.sensing.plan import Plan
+from mapmyworld.sensing.plan import Plan, ScanSource
 from mapmyworld.sensing.sweeps import scan_from_message
 from mapmyworld.types import (
     Frame,
@@ -144,7 +144,7 @@ class _Synchroniser:
             if self.plan.scan is None:
                 image = self._main_image(main)
             else:
-                scan, cloud = self._by_lidar(main, self.plan.scan.base_from_lidar)
+                scan, cloud = self._by_lidar(main, self.plan.scan)
         except LogError:
             self.counts.undecodable += 1
             return None
@@ -173,20 +173,21 @@ class _Synchroniser:
         )
 
     def _by_lidar(
-        self, main: Pending, base_from_lidar: NDArray[np.float64]
+        self, main: Pending, source: ScanSource
     ) -> tuple[Scan, NDArray[np.float32] | None]:
         """The sweep, and all points (N, 3) of a 3D lidar in the base frame."""
         message = main.raw.decode()
         if isinstance(message, PointCloudMessage):
-            points = points_of_cloud(message, base_from_lidar, self.config)
-            scan = scan_of_points(points, base_from_lidar, self.config)
+            points = points_of_cloud(message, source.base_from_lidar, self.config)
+            scan = scan_of_points(points, source.base_from_lidar, self.config)
             return scan, points.astype(np.float32)
         assert isinstance(message, LaserScanMessage)
         odometry = self.plan.odometry
         if message.stamp_ns != main.stamp_ns:
             message = replace(message, stamp_ns=main.stamp_ns)
         motion = odometry.motion if odometry else self.plan.sweep_motion
-        return scan_from_message(message, base_from_lidar, motion), None
+        motion = motion if source.beams_are_timed else None
+        return scan_from_message(message, source.base_from_lidar, motion), None
 
     def _main_image(self, main: Pending) -> RgbdImage | None:
         """The image that a frame begins with; colour alone where only images measure the motion."""

@@ -70,7 +70,6 @@ BY_WORDS = {
     "was a clock set while recording": "keep clocks in step (chrony), and set none while recording",
     "log times are out of order": "nothing; next time set no clock while recording",
     "no camera images": "record colour, depth and camera_info",
-    "is not registered to": "record depth that is registered to its colour image",
     "the camera is not used": "correct what its driver puts into camera_info, and record again",
     "is listed but has no message": "see that its driver runs before the next recording",
     "messages looked at cannot be decoded": "check the driver; the sound messages are used",

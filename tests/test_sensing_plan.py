@@ -414,3 +414,21 @@ def test_beams_have_times_only_where_a_sweep_ends_before_the_next(
     assert plan.scan is not None
     assert plan.scan.beams_are_timed == timed
     assert ("does not say when each beam" in "\n".join(plan.warnings)) == (not timed)
+
+
+@pytest.mark.parametrize(("focal", "used"), [(60.0, True), (45.0, False)])
+def test_depth_of_another_lens_is_not_taken_for_registered(focal: float, *, used: bool) -> None:
+    """A depth camera's own image, as wide in pixels as colour but not in degrees, bent the map."""
+    calibration = camera_info_at(1, frame_id="depth_optical")
+    k = calibration.intrinsics.copy()
+    k[[0, 1], [0, 1]] = focal
+    entries = with_mount(drive())
+    entries += [
+        ("/color/image_raw", image_at(1, "rgb8"), 1),
+        ("/depth/image_rect_raw", image_at(1, "16UC1", frame_id="depth_optical"), 1),
+        ("/color/camera_info", camera_info_at(1), 1),
+        ("/depth/camera_info", replace(calibration, intrinsics=k), 1),
+    ]
+    plan = plan_of(entries)
+    assert (plan.camera is not None) == used
+    assert any("is not registered to /color/image_raw" in s for s in plan.losses) == (not used)

@@ -2,39 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from itertools import takewhile
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.errors import LogError
+from mapmyworld.sensing.camera_pairs import Calibration, Images, info_for, score_pair
 from mapmyworld.sensing.grey_images import bits_of, eight_bits, is_grey
 from mapmyworld.sensing.plan import CameraSource, Draft, ScanSource
 from mapmyworld.sensing.sensor_mounts import Mount, check_joint, mount_of
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import frame_name
 from mapmyworld.types import CameraInfoMessage, CameraModel, ImageMessage, MessageKind
-
-Calibration = tuple[Stream, CameraInfoMessage]
-"""A stream of calibrations and its first one."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Images:
-    """A stream of images and what its first message shows."""
-
-    stream: Stream
-    sample: ImageMessage
-    width: int
-    height: int
-    grey_bits: int = 0
-    """Of a 16-bit grey image, see `CameraSource`."""
-
-    @property
-    def topic(self) -> str:
-        """The stream's."""
-        return self.stream.topic
 
 
 def choose_camera(draft: Draft, base: str) -> CameraSource | None:
@@ -139,14 +119,15 @@ def _best(
     draft: Draft, base: str, colours: list[Images], depths: list[Images], infos: list[Calibration]
 ) -> CameraSource | None:
     pairs = sorted(
-        ((score_pair(c, d), c, d) for c in colours for d in depths),
+        ((score_pair(c, d, infos), c, d) for c in colours for d in depths),
         key=lambda item: (-item[0], item[1].topic, item[2].topic),
     )
     score, colour, depth = pairs[0]
     if score <= 0:
         draft.losses.append(
             f"the camera is not used: {depth.topic} ({depth.width}x{depth.height}) is not "
-            f"registered to {colour.topic} ({colour.width}x{colour.height})"
+            f"registered to {colour.topic} ({colour.width}x{colour.height}): record it registered, "
+            "by align_depth or depth_registration of its driver"
         )
         draft.decide("camera", "", "no depth image fits a colour image")
         return None
@@ -158,41 +139,6 @@ def _best(
     )
     draft.decide("camera", colour.topic, reason, others)
     return source_of(draft, base, colour, depth, info_stream, info)
-
-
-def score_pair(colour: Images, depth: Images) -> float:
-    """How well a depth image fits a colour image; 0 or less: not at all."""
-    if colour.width * depth.height != colour.height * depth.width:
-        return -1.0
-    same_frame = frame_name(colour.sample.frame_id) == frame_name(depth.sample.frame_id)
-    registered = any(word in depth.topic for word in ("aligned", "register"))
-    rate = min(colour.stream.frequency, depth.stream.frequency) / max(
-        colour.stream.frequency, depth.stream.frequency, 1e-9
-    )
-    shared = _shared(colour.topic, depth.topic)
-    is_colour = colour.sample.encoding.lower() not in {"mono8", "8uc1"}
-    same_size = colour.width == depth.width
-    return 2.0 * same_frame + 2.0 * registered + rate + shared + is_colour + same_size
-
-
-def _shared(topic: str, other: str) -> float:
-    """Share of a topic's name that another begins with as well."""
-    same = takewhile(lambda pair: pair[0] == pair[1], zip(topic, other, strict=False))
-    return sum(1 for _ in same) / max(len(topic), 1)
-
-
-def info_for(draft: Draft, colour: Images, infos: list[Calibration]) -> Calibration:
-    """The camera info of the colour image: same frame, size and name, in this order."""
-    wanted = draft.config.camera_info_topic
-
-    def fit(candidate: Calibration) -> float:
-        stream, info = candidate
-        same_frame = frame_name(info.frame_id) == frame_name(colour.sample.frame_id)
-        same_size = (info.width, info.height) == (colour.width, colour.height)
-        shared = _shared(stream.topic, colour.topic)
-        return 10.0 * (stream.topic == wanted) + 2.0 * same_frame + same_size + shared
-
-    return max(infos, key=fit)
 
 
 def source_of(

@@ -7,15 +7,9 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
+from mapmyworld.sensing.camera_pairs import Calibration, Images, info_for, score_pair
 from mapmyworld.sensing.plan import CameraSource, Draft
-from mapmyworld.sensing.plan_cameras import (
-    Images,
-    images_of,
-    info_for,
-    infos_of,
-    score_pair,
-    source_of,
-)
+from mapmyworld.sensing.plan_cameras import images_of, infos_of, source_of
 from mapmyworld.sensing.sensor_mounts import mount_of
 from mapmyworld.sensing.transforms import frame_name
 
@@ -40,7 +34,7 @@ def choose_more_cameras(
     for colour in sorted(images, key=lambda i: i.topic):
         if colour.topic in used or not _is_like(colour, first):
             continue
-        depth = _depth_of(colour, [i for i in images if i.topic not in used])
+        depth = _depth_of(colour, [i for i in images if i.topic not in used], infos)
         mount = mount_of(draft, base, colour.sample.frame_id, "camera")
         if depth is None or mount.is_assumed or mount.is_loose or not infos:
             continue
@@ -66,9 +60,9 @@ def _is_like(colour: Images, first: CameraSource) -> bool:
     return plain and (colour.width, colour.height) == size
 
 
-def _depth_of(colour: Images, images: list[Images]) -> Images | None:
+def _depth_of(colour: Images, images: list[Images], infos: list[Calibration]) -> Images | None:
     """The depth image that fits best, if it is this camera's."""
-    fitting = [(score_pair(colour, i), i) for i in images if i.sample.is_depth]
+    fitting = [(score_pair(colour, i, infos), i) for i in images if i.sample.is_depth]
     near = [(s, i) for s, i in fitting if s > _BELONGS and i.width == colour.width]
     return max(near, key=lambda item: (item[0], item[1].topic))[1] if near else None
 

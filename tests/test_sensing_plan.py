@@ -432,3 +432,17 @@ def test_depth_of_another_lens_is_not_taken_for_registered(focal: float, *, used
     plan = plan_of(entries)
     assert (plan.camera is not None) == used
     assert any("is not registered to /color/image_raw" in s for s in plan.losses) == (not used)
+
+
+@pytest.mark.parametrize(("metres", "lost"), [(2.0, False), (2000.0, True)])
+def test_millimetres_recorded_as_metres_are_a_loss(metres: float, *, lost: bool) -> None:
+    """The map had neither grid nor points, with exit code 0."""
+    deep = replace(image_at(1, "32FC1"), pixels=lambda: np.full((48, 64), metres, np.float32))
+    entries = with_mount(drive())
+    entries += [
+        ("/color/image_raw", image_at(1, "rgb8"), 1),
+        ("/depth/image_raw", deep, 1),
+        ("/color/camera_info", camera_info_at(1), 1),
+    ]
+    losses = "\n".join(plan_of(entries).losses)
+    assert ("/depth/image_raw measures 2000 m in the median" in losses) == lost

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -154,6 +155,12 @@ def source_of(
     if fault:
         draft.losses.append(f"the camera is not used: {info_stream.topic} holds {fault}")
         return None
+    median = _median_depth(depth.stream)
+    if median > _FARTHEST_DEPTH:
+        draft.losses.append(
+            f"{depth.topic} measures {median:.0f} m in the median, farther than depth cameras see: "
+            "record 32FC1 in metres or 16UC1 in millimetres"
+        )
     frame_id = colour.sample.frame_id or info.frame_id
     mount = mount_of(draft, base, frame_id, "camera")
     check_joint(draft, base, frame_id, mount)
@@ -175,6 +182,18 @@ def source_of(
         base_from_camera=mount.base_from_sensor,
     )
     return CameraSource(colour.topic, depth.topic, model, colour.grey_bits)
+
+
+def _median_depth(stream: Stream) -> float:
+    """Of the pixels that measure any, in the messages that were decoded; 0 without one, m."""
+    found = [np.zeros(0)]
+    for sample in stream.samples:
+        if isinstance(sample, ImageMessage):
+            with suppress(LogError):
+                found.append(np.ravel(sample.pixels()).astype(np.float64))
+    depths = np.concatenate(found)
+    depths = depths[depths > 0.0]
+    return float(np.median(depths)) if len(depths) else 0.0
 
 
 def _fault_of(info: CameraInfoMessage, colour: Images) -> str:
@@ -205,6 +224,7 @@ def first_pose(camera: CameraSource | None, scan: ScanSource | None) -> NDArray[
     return np.eye(4)
 
 
+_FARTHEST_DEPTH = 100.0  # m, several times what depth cameras measure
 _LEAST_FOCAL, _MOST = 0.1, 1e6  # pixels; coefficients of distortion are far below as well
 _COEFFICIENTS = (4, 5, 8, 12, 14)  # of plumb_bob, rational_polynomial, equidistant
 _LOOKING_FORWARD = np.array(

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
+import cv2
 import numpy as np
 
 from mapmyworld.config import Config
@@ -17,7 +18,7 @@ from mapmyworld.diagnosis.depth_motion import (
 from mapmyworld.diagnosis.depth_on_colour import alignment_findings, grey_levels
 from mapmyworld.diagnosis.depth_on_laser import DEPTH_SCALE, mount_findings
 from mapmyworld.diagnosis.finding import Finding
-from mapmyworld.diagnosis.rotation import beside_lowest, time_offset
+from mapmyworld.diagnosis.rotation import time_offset
 from mapmyworld.diagnosis.sample import odometry_yaw
 from mapmyworld.geometry import Array
 from mapmyworld.mapping.depth_grid import floor_plane
@@ -115,24 +116,14 @@ def camera_clock(framed: Sequence[Frame], plan: Plan, first_ns: int) -> Iterator
         stamps.append((colour.stamp_ns - first_ns) * 1e-9)
         grey = grey_levels(colour.pixels())
         third = len(grey) // 3
-        profile = grey[third : len(grey) - third].mean(axis=0)
-        profiles.append((profile - profile.mean()) / (profile.std() + 1e-9))
+        profiles.append(grey[third : len(grey) - third].mean(axis=0, keepdims=True))
     if len(profiles) < 2:
         return
     focal = float(framed[0].images[0].camera.intrinsics[0, 0])
-    shifts = [_profile_shift(a, b) for a, b in pairwise(profiles)]
+    window = np.hanning(profiles[0].shape[1])[None]
+    shifts = [cv2.phaseCorrelate(a, b, window)[0][0] for a, b in pairwise(profiles)]
     turns = np.arctan(np.array(shifts) / focal)
     times = np.array(stamps)
     finding = time_offset(("camera", "odometry"), times[:-1], times[1:], turns, clock)
     if finding is not None:
         yield finding
-
-
-def _profile_shift(before: Array, now: Array) -> float:
-    """Pixels by which the second profile lies to the right of the first; a left turn's sign."""
-    count = len(before)
-    overlap = np.correlate(now, before, "full")
-    weight = count - np.abs(np.arange(-count + 1, count))
-    error = np.where(weight > count // 2, -overlap / np.maximum(weight, 1), np.inf)
-    best = int(error.argmin())
-    return best - (count - 1) + beside_lowest(error, best)

@@ -98,13 +98,10 @@ def _error(starts: Array, ends: Array, turns: Array, clock: tuple[Array, Array])
 
 
 def _lowest(offsets: Array, errors: Array, best: int) -> float:
-    return float(offsets[best] + beside_lowest(errors, best) * _STEP)
-
-
-def beside_lowest(errors: Array, best: int) -> float:
-    """Steps from the smallest error (N,) to the vertex of the parabola through its neighbours."""
+    """The offset at the vertex of the parabola through the smallest error and its neighbours."""
+    offset = float(offsets[best])
     if not 0 < best < len(errors) - 1:
-        return 0.0
+        return offset
     left, middle, right = errors[best - 1 : best + 2]
     bend = left - 2.0 * middle + right
-    return float(0.5 * (left - right) / bend) if 0.0 < bend < np.inf else 0.0
+    return offset + _STEP * float(0.5 * (left - right) / bend) if 0.0 < bend < np.inf else offset

@@ -22,8 +22,7 @@ _SHIFTED = 0.05  # m by which a mount may be wrong before it is worth a word
 _TURNED = 2.0  # deg
 _OTHER_UNIT = 1.5  # factor of the scale beyond which mounts are no matter yet
 _GAP = 0.2  # m between neighbouring laser points of one wall
-_ROUNDS = 5  # of correcting and looking up the depth again
-_REWEIGHTED = 8
+_ROUNDS = 10  # of correcting and looking up the depth again
 _NOISE = 0.03  # m of difference from which a point weighs less
 _SIMPLER = 1.35  # by which a model may leave more apart and be preferred to a richer one
 _WEAK = 0.01  # share of the strongest direction's information below which one is left alone
@@ -150,14 +149,20 @@ def simplest_agreement(seen: Sequence[_Seen], lidar: Array) -> Agreement:
 
 
 def _agreement(seen: Sequence[_Seen], lidar: Array, free: tuple[int, ...]) -> Agreement:
-    """The change, of those parameters of scale, x, y and turn that are free."""
+    """The change, of those parameters of scale, x, y and turn that are free.
+
+    By least squares that far points hardly draw, with the weights of Geman and McClure (1987), and
+    without the directions of which little is known.
+    """
     total = np.array([1.0, 0.0, 0.0, 0.0])
     for _ in range(_ROUNDS if free else 0):
         rows, apart = _equations(seen, lidar, total)
         if len(apart) < _LEAST_POINTS:
             break
-        step = np.zeros(4)
-        step[list(free)] = _solved(rows[:, list(free)], apart)
+        width = max(_NOISE, 1.5 * float(np.median(np.abs(apart))))
+        roots = 1.0 / (1.0 + (apart / width) ** 2)  # of the weights
+        weighed, step = rows[:, list(free)] * roots[:, None], np.zeros(4)
+        step[list(free)] = np.linalg.lstsq(weighed, apart * roots, rcond=np.sqrt(_WEAK))[0]
         step[[0, 3]] /= _ARM
         total[0] *= 1.0 + step[0]
         total[1:] += step[1:]
@@ -193,20 +198,3 @@ def _equations(seen: Sequence[_Seen], lidar: Array, change: Array) -> tuple[Arra
         )
         apart.append(((surface - points[known]) * n).sum(axis=1))
     return np.concatenate([np.zeros((0, 4)), *rows]), np.concatenate([np.zeros(0), *apart])
-
-
-def _solved(rows: Array, apart: Array) -> Array:
-    """Least squares that far points hardly draw, without the directions of which little is known.
-
-    By weights of Geman and McClure (1987), from the middle half of the differences on.
-    """
-    step = np.zeros(rows.shape[1])
-    for _ in range(_REWEIGHTED):
-        left = apart - rows @ step
-        width = max(_NOISE, 1.5 * float(np.median(np.abs(left))))
-        weights = 1.0 / (1.0 + (left / width) ** 2) ** 2
-        values, axes = np.linalg.eigh(rows.T @ (rows * weights[:, None]))
-        strong = values > _WEAK * values[-1]
-        drawn = axes.T @ (rows.T @ (weights * apart))
-        step = axes[:, strong] @ (drawn[strong] / values[strong])
-    return np.asarray(step)

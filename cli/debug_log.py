@@ -15,20 +15,7 @@ from cli.outputs import require_file
 from mapmyworld.decisions import LOGGER, decided
 from mapmyworld.errors import MapError
 
-_LINE = "%(since)9.3f s  %(topic)-9s %(message)s"
-
-
-class _Timed(logging.Formatter):
-    """Lines that begin with the seconds since the first one."""
-
-    def __init__(self) -> None:
-        super().__init__(_LINE, defaults={"topic": "note"})
-        self._first: float | None = None
-
-    def format(self, record: logging.LogRecord) -> str:
-        self._first = record.created if self._first is None else self._first
-        record.since = record.created - self._first
-        return super().format(record)
+_LINE = "%(relativeCreated)9.0f ms  %(topic)-9s %(message)s"  # since the program began
 
 
 def _require_place(path: Path) -> None:
@@ -48,7 +35,7 @@ def keep_decisions(context: click.Context, path: Path) -> None:
     """
     _require_place(path)
     handler = logging.FileHandler(path, mode="w", encoding="utf-8", errors="backslashreplace")
-    handler.setFormatter(_Timed())
+    handler.setFormatter(logging.Formatter(_LINE, defaults={"topic": "note"}))
     LOGGER.addHandler(handler)
     LOGGER.setLevel(logging.DEBUG)
     decided("command", shlex.join(["mapmyworld", *sys.argv[1:]]))

@@ -101,10 +101,7 @@ def vocabulary(map_path: Path, output: Path | None) -> None:
 @click.command()
 @map_argument
 @output_option("FILE.html", "[default: the map's name with .html]")
-@click.option(
-    "--every-match", is_flag=True, help="Match the images of all closures again, not of 48."
-)
-def report(map_path: Path, output: Path | None, every_match: bool) -> None:
+def report(map_path: Path, output: Path | None) -> None:
     """The report, one self-contained HTML page. Map, graph, what was accepted or rejected, and why.
 
     \b
@@ -115,7 +112,7 @@ def report(map_path: Path, output: Path | None, every_match: bool) -> None:
 
     path = output_or(map_path, output, lambda: map_path.with_suffix(".html"))
     with open_map(map_path, path) as store:
-        write_report(store, path, every_match=every_match)
+        write_report(store, path)
         show_written([path], store)
 
 

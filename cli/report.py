@@ -37,10 +37,9 @@ _TIMING = ".timing.json"  # where `build` notes what its stages took
 _SHOWN = ("name", "wall_s", "cpu_s", "peak_memory_mb", "rounds")  # of a stage
 
 
-def write_report(store: MapStore, path: Path, *, every_match: bool = False) -> None:
+def write_report(store: MapStore, path: Path) -> None:
     """The page as a file."""
-    contents = report_contents(store, every_match=every_match, folder=path.parent)
-    write_whole(path, report_html(contents))
+    write_whole(path, report_html(report_contents(store, path.parent)))
 
 
 def note_timing(
@@ -65,9 +64,7 @@ def read_timing(map_path: Path) -> dict[str, Any] | None:
     return found if stages else None
 
 
-def report_contents(
-    store: MapStore, *, every_match: bool = False, folder: Path | None = None
-) -> ReportContents:
+def report_contents(store: MapStore, folder: Path | None = None) -> ReportContents:
     """Everything that the page shows; raises `MapError` where the map holds no nodes.
 
     `folder`: where the page will be, so that its links lead to the map's products.
@@ -76,7 +73,7 @@ def report_contents(
     if not nodes:
         raise MapError(f"{_name(store)}: holds no nodes to report on")
     solved = store.poses() or tracked_poses(nodes)
-    path, fetched = _path(store, nodes), fetch_evidence(store, constraints, every_match=every_match)
+    path, fetched = _path(store, nodes), fetch_evidence(store, constraints)
     problems, grid = problems_of(store), _grid(store)
     decisions = (store.get("plan") or {}).get("decisions", ())
     return ReportContents(

@@ -48,7 +48,7 @@ class Fetched:
     """Node id -> points (N, 2), base frame, metres."""
 
 
-def fetch_evidence(store: MapStore, constraints: Sequence[Judged], *, every_match: bool) -> Fetched:
+def fetch_evidence(store: MapStore, constraints: Sequence[Judged]) -> Fetched:
     """The closures that moved the map most, and the rejected ones that came closest."""
     nodes = {node.id: node for node in store.nodes()}
     chosen, left_out = _chosen(constraints, nodes)
@@ -58,8 +58,7 @@ def fetch_evidence(store: MapStore, constraints: Sequence[Judged], *, every_matc
     asked = sorted(wanted | {ids[k] for k in along.tolist()})
     scans: dict[int, NDArray[np.float32]] = {}
     pictures = _pictures(_images(store, asked, wanted, scans), len(asked))
-    most = None if every_match else _COMPARED
-    matches = _matches(store, {k: constraints[k] for k in chosen}, scans, most)
+    matches = _matches(store, {k: constraints[k] for k in chosen}, scans)
     evidence = []
     for k in chosen:
         tracked, measured = _by_tracking(constraints[k], nodes), constraints[k].i_from_j
@@ -129,12 +128,9 @@ def _nearly(c: Judged) -> tuple[float, float]:
 
 
 def _matches(
-    store: MapStore,
-    shown: Mapping[int, Judged],
-    scans: Container[int],
-    most: int | None,
+    store: MapStore, shown: Mapping[int, Judged], scans: Container[int]
 ) -> dict[int, ImageMatches]:
-    """What the two images of those found by images share, looked at once more, `most` of them."""
+    """What the images of the first of those found by images share, looked at once more."""
     by_images = {
         k: (c.from_id, c.to_id)
         for k, c in shown.items()
@@ -147,7 +143,7 @@ def _matches(
 
     found = zip(by_images, compare_pairs(store, by_images.values(), Config()), strict=True)
     compared = ((k, _shared(pair)) for k, pair in found if pair is not None)
-    return dict(itertools.islice(compared, most))
+    return dict(itertools.islice(compared, _COMPARED))
 
 
 def _shared(found: NodePair) -> ImageMatches:

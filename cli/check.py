@@ -17,10 +17,11 @@ from cli.figure_names import figures_of, problems_of
 from cli.gates import WHOLE, judged, no_worse, read_requirements, wholeness
 from cli.outputs import require_apart
 from cli.scoring import few_relations
-from cli.standard_streams import end_partial, own_words, show_result, shown
+from cli.standard_streams import end_partial, own_words, show_result
 from formats.check_results import Verdict, junit_xml, markdown
 from formats.database import open_store
 from formats.readable import readable
+from formats.whole_files import utf8_of
 from mapmyworld.errors import ConfigError
 
 
@@ -87,9 +88,10 @@ def check(
         given = {"reference": reference, "relations": relations, "grid": grid}
         facts = Facts(store, map_path, {k: path for k, path in given.items() if path is not None})
         verdicts = _verdicts(facts, texts, baseline, tolerance, allow_partial)
+        name = utf8_of(map_path.name).decode()
         for path, form in ((junit, junit_xml), (comment, markdown)):
             if path is not None:
-                path.write_text(form(shown(map_path.name), verdicts), encoding="utf-8")
+                path.write_text(form(name, verdicts), encoding="utf-8")
         _show(verdicts)
         if not all(verdict.passed for verdict in verdicts):
             sys.exit(EXIT_CHECK_FAILED)

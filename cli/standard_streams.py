@@ -100,11 +100,6 @@ def _lenient(number: int, before: Any, dropped: Container[int | None]) -> _Reada
     )
 
 
-def shown(name: str) -> str:
-    """A file's name as text that any encoding of Unicode can hold."""
-    return os.fsencode(name).decode("utf-8", "replace")
-
-
 _NAMES = "mapmyworld.names"
 
 

@@ -119,7 +119,6 @@ class ResultMaps:
     def __init__(self, output: Path, config: Config, *, spare: bool = False) -> None:
         self._output, self._stored = output, storage_arguments(config)
         self._spare = spare
-        self._written: list[Path] = []
         self.names: list[Path] = []
         """What the maps will be called."""
 
@@ -127,13 +126,13 @@ class ResultMaps:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for path in self._written:
-            path.unlink(missing_ok=True)
+        for name in self.names:
+            _part_of(name).unlink(missing_ok=True)
 
     def discard(self) -> None:
         """Removes what was written, so that other maps take its place."""
         self.__exit__()
-        self._written, self.names = [], []
+        self.names = []
 
     @contextmanager
     def open(self) -> Iterator[MapStore]:
@@ -162,13 +161,16 @@ class ResultMaps:
             number += 1
             path = numbered(self._output, number)
         self.names.append(path)
-        self._written.append(path.with_name(f".{path.name}.part"))
-        return self._written[-1]
+        return _part_of(path)
 
     def put_in_place(self) -> None:
         """Gives the finished files their names."""
-        for path, name in zip(self._written, self.names, strict=True):
-            os.replace(path, name)
+        for name in self.names:
+            os.replace(_part_of(name), name)
+
+
+def _part_of(path: Path) -> Path:
+    return path.with_name(f".{path.name}.part")
 
 
 def numbered(output: Path, number: int) -> Path:

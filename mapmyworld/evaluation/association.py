@@ -38,11 +38,8 @@ def nearest_stamps(stamps_ns: NDArray[np.int64], wanted_ns: NDArray[np.int64]) -
     """
     order = np.argsort(stamps_ns, kind="stable")
     ordered = stamps_ns[order]
-    after = np.clip(np.searchsorted(ordered, wanted_ns), 1, max(len(ordered) - 1, 1))
-    after = np.minimum(after, len(ordered) - 1)
-    before = np.maximum(after - 1, 0)
-    take_before = wanted_ns - ordered[before] <= ordered[after] - wanted_ns
-    return np.asarray(order[np.where(take_before, before, after)], np.int64)
+    twice_the_middles = ordered[1:] + ordered[:-1]
+    return np.asarray(order[np.searchsorted(twice_the_middles, 2 * wanted_ns)], np.int64)
 
 
 def _nothing_common(first: Trajectory, second: Trajectory, max_difference_s: float) -> str:

@@ -13,6 +13,11 @@ from typing import Any
 from formats.readable import readable
 
 
+# Before anything is painted.
+_SCHEME = """document.documentElement.classList.toggle("dark",
+  matchMedia("(prefers-color-scheme: dark)").matches)"""
+
+
 def page_html(
     title: str,
     subtitle: str,
@@ -42,7 +47,7 @@ def page_html(
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{title}</title>\n"
         f"<style>\n{_asset('uPlot.min.css')}\n{_asset('report.css')}</style>\n"
-        f"</head>\n<body>\n<header><h1>{title}</h1>\n"
+        f"<script>{_SCHEME}</script>\n</head>\n<body>\n<header><h1>{title}</h1>\n"
         f'<p class="sub">{subtitle}</p>\n<nav>{links}'
         '<button id="theme" type="button" hidden>dark</button></nav></header>\n<main>\n'
         + readable("\n".join(parts))

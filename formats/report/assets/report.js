@@ -12,21 +12,16 @@
 
   // --- light and dark: as the system wants it, until the button is used
   const root = document.documentElement, theme = byId("theme");
-  const isDark = () => root.classList.contains("dark") ||
-    (!root.classList.contains("light") && matchMedia("(prefers-color-scheme: dark)").matches);
+  const system = matchMedia("(prefers-color-scheme: dark)");
   const redraws = [];
-  const repaint = () => {
-    theme.textContent = isDark() ? "light" : "dark";
+  const paint = (dark) => {
+    root.classList.toggle("dark", dark);
+    theme.textContent = dark ? "light" : "dark";
     redraws.forEach((draw) => draw());
   };
   theme.hidden = false;
-  theme.addEventListener("click", () => {
-    const dark = isDark();
-    root.classList.toggle("dark", !dark);
-    root.classList.toggle("light", dark);
-    repaint();
-  });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
+  theme.addEventListener("click", () => paint(!root.classList.contains("dark")));
+  system.addEventListener("change", () => paint(system.matches));
 
   // --- layers
   const layer = (key) => document.querySelector(`g[data-layer="${key}"]`);
@@ -427,6 +422,6 @@
     watch.observe(canvas);
     addEventListener("beforeprint", once); // paper has no place that is scrolled to
   }
-  repaint();
+  paint(system.matches);
   root.dataset.ready = "yes";
 })();

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import click
 from click.shell_completion import CompletionItem, get_completion_class
 
-from cli.arguments import british, default_map
-from mapmyworld.errors import MapMyWorldError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from cli.arguments import british
 
 _VARIABLE = "_MAPMYWORLD_COMPLETE"
 _OFFERED = "COMPREPLY+=($value)"
@@ -44,16 +39,11 @@ def settings_from(_: click.Context, __: click.Parameter, begun: str) -> list[Com
     return _begun({f"{setting.name}=": setting.meaning for setting in list_settings()}, begun)
 
 
-def keys_from(context: click.Context, _: click.Parameter, begun: str) -> list[CompletionItem]:
-    """What can be required of a map; once a dot is typed, the figures of the one that is there."""
-    found: Mapping[str, str]
-    if "." in begun:
-        found = dict.fromkeys(_figures(context.params.get("map_path") or default_map()), "")
-    else:
-        from cli.checking import KEYS
+def keys_from(_: click.Context, __: click.Parameter, begun: str) -> list[CompletionItem]:
+    """What can be required of a map."""
+    from cli.checking import KEYS
 
-        found = {name: key.about for name, key in KEYS.items()}
-    return _begun(found, begun)
+    return _begun({name: key.about for name, key in KEYS.items()}, begun)
 
 
 def _begun(found: Mapping[str, str], begun: str) -> list[CompletionItem]:
@@ -63,15 +53,3 @@ def _begun(found: Mapping[str, str], begun: str) -> list[CompletionItem]:
         for name, about in found.items()
         if name.startswith(british(begun))
     ]
-
-
-def _figures(path: Path) -> list[str]:
-    """Names; none of what is no map: the tab key has nothing to report about it."""
-    from cli.figure_names import figures_of
-    from formats.database import open_store
-
-    try:
-        with open_store(path, read_only=True) as store:
-            return list(figures_of(store))
-    except (MapMyWorldError, OSError):
-        return []

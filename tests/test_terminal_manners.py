@@ -49,18 +49,6 @@ def test_bash_completes_commands_and_options() -> None:
     assert asked("mapmyworld check none.db --require map.", 4) == {""}
 
 
-def test_figures_of_the_map_complete(tmp_path: Path) -> None:
-    with open_store(tmp_path / "map.db", create=True) as store:
-        fill(store)
-    command = group.get_command(click.Context(group), "check")
-    assert command is not None
-    (option,) = (one for one in command.params if one.name == "texts")
-    context = click.Context(command)
-    context.params["map_path"] = tmp_path / "map.db"
-    found = {item.value for item in option.shell_complete(context, "map.no")}
-    assert found == {"map.nodes"}
-
-
 def test_bash_puts_no_space_behind_half_of_a_setting(tmp_path: Path) -> None:
     """The script, sourced by bash, with a program that answers as ours does."""
     script = CliRunner().invoke(group, ["completion", "bash"]).stdout

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation.association import MAX_DIFFERENCE_S, associate
@@ -18,7 +18,7 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Trajectory
 
-_RANK_TOLERANCE = 1e-12  # of a singular value, relative to the largest, to count as zero
+_UPRIGHT = 1e-9  # of the covariance: what the vertical counts in it beside the points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,27 +94,18 @@ def _ends_by_path(poses: Array, distance: float) -> NDArray[np.int64]:
     return np.array(ends, np.int64)
 
 
-def rigid_alignment(a_points: ArrayLike, b_points: ArrayLike) -> Array:
-    """`a_from_b` (D+1, D+1) that minimises the squared distances of paired points, (N, D) both.
+def rigid_alignment(a: Array, b: Array) -> Array:
+    """`a_from_b` (4, 4) that minimises the squared distances of paired points, (N, 3) both.
 
     Umeyama, "Least-squares estimation of transformation parameters between two point patterns",
-    PAMI 13(4), 1991, equations 34 to 43 with scale 1. Points in three dimensions that all lie on
-    one line leave the rotation about it open: then only x and y are aligned, if that is possible
-    (a robot that drove straight), else any of the best rotations is taken.
+    PAMI 13(4), 1991, equations 34 to 43 with scale 1. Of the rotations that points on one line
+    leave open (of a robot that drove straight) it is the one that keeps up upright.
     """
-    a, b = np.asarray(a_points, np.float64), np.asarray(b_points, np.float64)
-    dimension = a.shape[1]
-    left, singular, right = np.linalg.svd((a - a.mean(0)).T @ (b - b.mean(0)) / len(a))
-    on_a_line = np.count_nonzero(singular > _RANK_TOLERANCE * max(singular[0], 1e-300)) < 2
-    if dimension == 3 and on_a_line:
-        planar, motion = rigid_alignment(a[:, :2], b[:, :2]), np.eye(4)
-        motion[:2, :2], motion[:2, 3] = planar[:2, :2], planar[:2, 2]
-        motion[2, 3] = a[:, 2].mean() - b[:, 2].mean()
-        return motion
-    signs = np.ones(dimension)
-    signs[-1] = np.sign(np.linalg.det(left) * np.linalg.det(right))
-    rotation = (left * signs) @ right
-    motion = np.eye(dimension + 1)
-    motion[:-1, :-1] = rotation
-    motion[:-1, -1] = a.mean(0) - rotation @ b.mean(0)
+    covariance = (a - a.mean(0)).T @ (b - b.mean(0)) / len(a)
+    covariance[2, 2] += _UPRIGHT * max(float(np.abs(covariance).max()), 1e-300)
+    left, _, right = np.linalg.svd(covariance)
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left) * np.linalg.det(right))])
+    motion = np.eye(4)
+    motion[:3, :3] = (left * signs) @ right
+    motion[:3, 3] = a.mean(0) - motion[:3, :3] @ b.mean(0)
     return motion

@@ -12,7 +12,6 @@ from typing import Any
 
 from formats.readable import readable
 
-
 # Before anything is painted.
 _SCHEME = """document.documentElement.classList.toggle("dark",
   matchMedia("(prefers-color-scheme: dark)").matches)"""

@@ -123,13 +123,13 @@ def align_cells(points: Array, reference: Array) -> Array:
 
     tree, size = cKDTree(reference), float(np.hypot(*np.ptp(points, axis=0)))
 
-    def misfit(motion: Array) -> float:
+    def cost(motion: Array) -> float:
         return -_fit(points, reference, tree, motion)
 
-    start = min([np.zeros(3), *_correlated(points, reference)], key=misfit)
+    start = min([np.zeros(3), *_correlated(points, reference)], key=cost)
     corners = start + np.diag([_COARSE, _COARSE, 2.0 * _COARSE / max(size, 1.0)])
     options = {"initial_simplex": [start, *corners], "xatol": _LAST_MOVE, "fatol": _LAST_GAIN}
-    x, y, yaw = minimize(misfit, start, method="Nelder-Mead", options=options).x
+    x, y, yaw = minimize(cost, start, method="Nelder-Mead", options=options).x
     return np.array([x, y, wrap_angle(yaw)])
 
 

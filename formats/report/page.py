@@ -12,10 +12,6 @@ from typing import Any
 
 from formats.readable import readable
 
-# Before anything is painted.
-_SCHEME = """document.documentElement.classList.toggle("dark",
-  matchMedia("(prefers-color-scheme: dark)").matches)"""
-
 
 def page_html(
     title: str,
@@ -46,7 +42,9 @@ def page_html(
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{title}</title>\n"
         f"<style>\n{_asset('uPlot.min.css')}\n{_asset('report.css')}</style>\n"
-        f"<script>{_SCHEME}</script>\n</head>\n<body>\n<header><h1>{title}</h1>\n"
+        '<script>document.documentElement.classList.toggle("dark",'
+        ' matchMedia("(prefers-color-scheme: dark)").matches)</script>\n'
+        f"</head>\n<body>\n<header><h1>{title}</h1>\n"
         f'<p class="sub">{subtitle}</p>\n<nav>{links}'
         '<button id="theme" type="button" hidden>dark</button></nav></header>\n<main>\n'
         + readable("\n".join(parts))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,7 @@ _TURNS = 180  # rotations tried, over the full circle
 _CANDIDATES = 4  # best rotations that are compared
 _MOST_CELLS = 512  # along an edge of the coarse picture; larger maps get larger cells
 _NEAR = 0.05  # m of distance that halves, roughly, how well a wall fits another
-_LAST_MOVE, _LAST_GAIN = 0.0005, 1e-7  # m or rad, and how well walls fit
+_LAST_STEP = 0.002  # m of the search by steps
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,20 +118,16 @@ def align_cells(points: Array, reference: Array) -> Array:
     """`reference_from_points` (3,) that lays points (N, 2) best on those of the reference (M, 2).
 
     All in metres. As they lie, or by the rotation and shift of a search by correlation that fit
-    best; then moved by the simplex of Nelder and Mead as long as walls come nearer to walls.
+    best; then moved by ever smaller steps as long as walls come nearer to walls.
     """
-    from scipy.optimize import minimize  # a quarter of a second of a start
-
     tree, size = cKDTree(reference), float(np.hypot(*np.ptp(points, axis=0)))
 
-    def cost(motion: Array) -> float:
-        return -_fit(points, reference, tree, motion)
+    def fit(motion: Array) -> float:
+        return _fit(points, reference, tree, motion)
 
-    start = min([np.zeros(3), *_correlated(points, reference)], key=cost)
-    corners = start + np.diag([_COARSE, _COARSE, 2.0 * _COARSE / max(size, 1.0)])
-    options = {"initial_simplex": [start, *corners], "xatol": _LAST_MOVE, "fatol": _LAST_GAIN}
-    x, y, yaw = minimize(cost, start, method="Nelder-Mead", options=options).x
-    return np.array([x, y, wrap_angle(yaw)])
+    starts = [np.zeros(3), *_correlated(points, reference)]
+    motion = _climbed(max(starts, key=fit), fit, size)
+    return np.append(motion[:2], wrap_angle(motion[2]))
 
 
 def _fit(points: Array, reference: Array, tree: cKDTree, motion: Array) -> float:
@@ -141,6 +138,20 @@ def _fit(points: Array, reference: Array, tree: cKDTree, motion: Array) -> float
     there = tree.query(moved)[0] / _NEAR
     back = cKDTree(moved).query(reference)[0] / _NEAR
     return float(np.exp(-0.5 * there**2).mean() + np.exp(-0.5 * back**2).mean())
+
+
+def _climbed(motion: Array, fit: Callable[[Array], float], size: float) -> Array:
+    """The motion after steps along each direction as long as they help."""
+    best, step = fit(motion), _COARSE
+    while step >= _LAST_STEP:
+        moves = np.diag([step, step, 2.0 * step / max(size, 1.0)])
+        tried = [motion + sign * move for move in moves for sign in (1.0, -1.0)]
+        values = [fit(candidate) for candidate in tried]
+        if max(values) > best:
+            best, motion = max(values), tried[int(np.argmax(values))]
+        else:
+            step /= 2.0
+    return motion
 
 
 def _correlated(points: Array, reference: Array) -> list[Array]:

@@ -37,12 +37,6 @@ ACROSS = 15.0  # m of path between the moments of a relation from which it spans
 MISSED = 0.5  # m by which a relation is off that spans a loop which was not closed
 
 
-class Quiet:
-    def stage(self, name: str, total: float | None = None, unit: str = "") -> None: ...
-    def update(self, done: float) -> None: ...
-    def note(self, message: str) -> None: ...
-
-
 def log_of(name: str, folder: Path, world_seed: int) -> tuple[Path, Path | None]:
     """The log's file in `folder`, and its relations or its true path."""
     if name in RECORDED:
@@ -77,6 +71,7 @@ def simulated(world: str, folder: Path, seed: int) -> tuple[Path, Path]:
 def run_once(log: Path, reference: Path | None, particles: int, seed: int, threads: int) -> dict:
     """Figures of one run in this process."""
     from formats.logs import open_log
+    from mapmyworld.api import Silent
     from mapmyworld.config import Config, ParticlesConfig
     from mapmyworld.particles.fastslam import run_fastslam
     from mapmyworld.sensing import make_plan, read_frames, survey_log
@@ -87,9 +82,9 @@ def run_once(log: Path, reference: Path | None, particles: int, seed: int, threa
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     cpu, wall = time.process_time(), time.monotonic()
     source = open_log([log])
-    plan = deskewed(source, make_plan(survey_log(source), config.sensing), config, Quiet())
-    wheels = wheels_of_log(source, plan, config, Quiet())
-    result = run_fastslam(read_frames(source, plan, config.sensing), config, Quiet(), wheels)
+    plan = deskewed(source, make_plan(survey_log(source), config.sensing), config, Silent())
+    wheels = wheels_of_log(source, plan, config, Silent())
+    result = run_fastslam(read_frames(source, plan, config.sensing), config, Silent(), wheels)
     return {
         "log": log.stem,
         "particles": particles,

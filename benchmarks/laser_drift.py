@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.database import open_store
+from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
     between_planar,
@@ -33,16 +34,6 @@ from mapmyworld.stages.recognise import closures_by_laser
 from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, Poses
 
 Array = NDArray[np.float64]
-
-
-class Silent:
-    """Progress that nobody watches."""
-
-    def stage(self, name: str, total: float | None = None, unit: str = "") -> None: ...
-
-    def update(self, done: float) -> None: ...
-
-    def note(self, message: str) -> None: ...
 
 
 class Known:

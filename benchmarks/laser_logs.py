@@ -23,6 +23,7 @@ import numpy as np
 from formats.database import open_store
 from formats.logs import open_log
 from formats.relation_files import read_relations
+from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
 from mapmyworld.evaluation.loops import MAX_ANGLE_DEG, MAX_DISTANCE
@@ -38,22 +39,6 @@ from mapmyworld.types.maps import Relations
 _CLOSURES = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY)
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
-
-
-class Silent:
-    """Progress that nobody watches; keeps the notes."""
-
-    def __init__(self) -> None:
-        self.notes: list[str] = []
-
-    def stage(self, name: str, total: float | None = None, unit: str = "") -> None:
-        self.name = name
-
-    def update(self, done: float) -> None:
-        self.done = done
-
-    def note(self, message: str) -> None:
-        self.notes.append(message)
 
 
 def main() -> None:

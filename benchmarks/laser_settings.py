@@ -13,11 +13,12 @@ import tempfile
 import time
 from pathlib import Path
 
-from laser_logs import DATA, Silent, closures_of, errors_of
+from laser_logs import DATA, closures_of, errors_of
 
 from formats.database import open_store
 from formats.logs import open_log
 from formats.relation_files import read_relations
+from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
 from mapmyworld.errors import ConfigError

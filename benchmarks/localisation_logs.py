@@ -28,6 +28,7 @@ from formats.database import open_store
 from formats.grid_files import read_grid
 from formats.logs import open_log
 from formats.trajectory_files import read_trajectory
+from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
 from mapmyworld.localisation import localise_log
@@ -37,16 +38,6 @@ from mapmyworld.types.localisation import Localisation, State
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
-
-
-class Silent:
-    """Progress that nobody watches."""
-
-    def stage(self, name: str, total: float | None = None, unit: str = "") -> None: ...
-
-    def update(self, done: float) -> None: ...
-
-    def note(self, message: str) -> None: ...
 
 
 @dataclass(frozen=True)

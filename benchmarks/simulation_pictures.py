@@ -23,7 +23,7 @@ RED = (60, 60, 230)
 
 def camera_picture(recording: Recording, seconds: float) -> Picture:
     """Colour and depth side by side, as recorded."""
-    stream = next(s for s in recording.streams if s.slow)
+    stream = recording.streams[-1]  # the camera's
     index = int(np.searchsorted(stream.schedule.times, seconds))
     (_, _), (_, colour), (_, depth) = stream.messages(index)
     bgr = cv2.cvtColor(colour.pixels(), cv2.COLOR_RGB2BGR)

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import scores_of, tool
 from kinect import Faults
-from laser_robots import scores_of, tool
 from tum_like import Path3, record
 
 from formats.trajectory_files import read_trajectory

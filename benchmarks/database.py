@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import DATA
 
 from formats.database import RtabmapStore, open_store
 from mapmyworld.types import (
@@ -30,8 +31,6 @@ from mapmyworld.types import (
     RgbdImage,
     Scan,
 )
-
-DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 
 
 def cpu_of(work: Callable[[], Any]) -> float:

@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import bz2
 import json
-import os
 import resource
 import shutil
 import subprocess
@@ -25,13 +24,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from common import DATA
 from numpy.typing import NDArray
 
 from mapmyworld.types import Trajectory
 from mapmyworld.types.maps import Relations
 
-ROOT = Path(__file__).resolve().parent.parent
-DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
 RECORDED = ("intel", "fr079", "mit-csail")
 ACROSS = 15.0  # m of path between the moments of a relation from which it spans a loop
 MISSED = 0.5  # m by which a relation is off that spans a loop which was not closed

@@ -24,12 +24,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from common import DATA, ROOT
 
-ROOT = Path(__file__).resolve().parent.parent
 SAMPLES = ROOT / "sample_logs"
 APARTMENT = SAMPLES / "apartment.mcap"
 LASER = ("/graph_slam_bot/laser/scan", "/odom", "/tf", "/tf_static")
-DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
 _SHOWN = 110  # characters of what came
 
 

@@ -6,13 +6,12 @@ python benchmarks/graph_kinds.py [M3500] [ring] [w10000] [rim] [correlated]
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
+from common import DATA
 from graph_gtsam import examples_cost
 from graph_large import unequal
 from graph_worlds import drive, meetings, posed, sigmas, some, street_walk, turned
@@ -23,14 +22,12 @@ from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.graph.optimisation import optimise
 from mapmyworld.types.pose_graph import PoseGraph
 
-ROOT = Path(__file__).resolve().parent.parent
-DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data")) / "graphs"
 Graphs = Iterator[tuple[str, PoseGraph]]
 
 
 def m3500() -> Graphs:
     """Manhattan with more noise on every heading, its information less by as much."""
-    graph = read_graph(DATA / "manhattan.g2o").graph
+    graph = read_graph(DATA / "graphs" / "manhattan.g2o").graph
     blind, edges = np.zeros_like(graph.map_from_node), graph.edges
     for sigma in (0.1, 0.2, 0.3):
         rng, motion = np.random.default_rng(int(10 * sigma)), edges.i_from_j.copy()

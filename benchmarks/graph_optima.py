@@ -12,7 +12,6 @@ python benchmarks/graph_optima.py marginals  covariances of all nodes
 from __future__ import annotations
 
 import argparse
-import os
 import resource
 import time
 from dataclasses import dataclass, replace
@@ -20,6 +19,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from common import DATA
 from graph_false import with_false
 from graph_gtsam import examples_cost, plain_gtsam
 from graph_large import LARGE
@@ -36,8 +36,6 @@ from mapmyworld.graph.optimisation import OptimisedGraph, optimise, optimise_rob
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.types.pose_graph import PoseGraph
 
-ROOT = Path(__file__).resolve().parent.parent
-DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data")) / "graphs"
 TABLES = ["graphs", "robust", "made", "hard", "large", "scale", "marginals"]
 OPTIMA = {
     "tinyGrid3D": 9.3139095,
@@ -62,7 +60,7 @@ def graphs(names: list[str], runs: int) -> None:
     )
     optimise(world("manhattan", 4000))  # imports are not what is measured
     for name in names:
-        path = DATA / f"{name}.g2o"
+        path = DATA / "graphs" / f"{name}.g2o"
         seconds = [sum(_timed_run(path)[2]) for _ in range(2)][1]  # kernels are loaded before it
         timed = [_timed_run(path) for _ in range(max(runs, min(50, int(0.5 / seconds))))]
         read, proven, unproven, plain = np.median([seconds for _, _, seconds in timed], axis=0)
@@ -174,7 +172,7 @@ def robust(names: list[str], seeds: int, shares: list[float], groups: list[int])
         f"{'kept true':>10}{'cost, all':>11}{'cost, kept':>11}{'CPU s':>7}"
     )
     for name in names:
-        graph = read_graph(DATA / f"{name}.g2o").graph
+        graph = read_graph(DATA / "graphs" / f"{name}.g2o").graph
         clean = optimise(graph, GraphConfig(certify=False))
         for share, group in (*((share, 1) for share in shares), *((0.1, size) for size in groups)):
             for seed in range(seeds):

@@ -12,22 +12,19 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 from building_drives import write_log
-from laser_recall import closures_of, drive_of, recalled
+from common import scores_of, tool
+from laser_recall import closures_of, drive_of, recalled, returns
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from formats.database import open_store
 from mapmyworld.geometry.planar import between_planar, wrap_angle
 
 Array = NDArray[np.float64]
-NEAR, TURNED, APART = 1.0, 30.0, 8.0  # m, deg, m of path: see laser_recall.py
 
 
 def main() -> None:
@@ -62,14 +59,13 @@ def row(number: int, folder: Path, changes: list[str], *, bare: bool) -> str:
     if done.returncode:
         return f"{head} | exit code {done.returncode}: {done.stderr.strip()[-200:]} |"
     cost = json.loads(done.stdout)
-    scores = json.loads(tool("evaluate", "trajectory", built, truth, "--format", "json").stdout)
-    loops = json.loads(tool("evaluate", "loops", built, truth, "--format", "json").stdout)
+    path, loops = scores_of(built, truth).values()
     wrong = round(loops["count"] * (1.0 - loops["precision"]))
-    ate = scores["ate"]
+    ate = path["ate"]
     far, turned, recall = by_truth(built, truth)
     return (
         f"{head} | {ate['rmse']:.4f} | {ate['maximum']:.3f} | "
-        f"{scores['ate_rotation_deg']['rmse']:.2f} | {far:.4f} | {turned:.3f} | "
+        f"{path['ate_rotation_deg']['rmse']:.2f} | {far:.4f} | {turned:.3f} | "
         f"{loops['count']} | {wrong} | {recall:.1%} | {cost['cpu_s']:.1f} | "
         f"{cost['peak_memory_mb']:.0f} | {cost['real_time_factor']:.0f} |"
     )
@@ -83,7 +79,8 @@ def by_truth(built: Path, truth: Path) -> tuple[float, float, float]:
     rows = np.searchsorted(table[:, 0] * 1e9, stamps - 1000).clip(0, len(table) - 1)
     true = np.column_stack([table[rows, 1:3], 2.0 * np.arctan2(table[rows, 6], table[rows, 7])])
     path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(true[:, :2], axis=0).T))])
-    back = returns(true, path)
+    few = np.unique(np.searchsorted(path, np.arange(0.0, path[-1], 0.25)).clip(0, len(path) - 1))
+    back = few[returns(true[few], path[few])]
     found = recalled(closures_of(store, path), path[back])
     share = len(np.unique(back[found, 1])) / max(1, len(np.unique(back[:, 1])))
     every = np.linspace(0, len(back) - 1, min(2000, len(back))).astype(np.int64)
@@ -97,20 +94,6 @@ def by_truth(built: Path, truth: Path) -> tuple[float, float, float]:
 def relative(poses: Array, pairs: NDArray[np.int64]) -> Array:
     """(P, 3) the second pose of each pair seen from the first."""
     return np.asarray(between_planar(poses[pairs[:, 0]], poses[pairs[:, 1]]))
-
-
-def returns(poses: Array, path: Array) -> NDArray[np.int64]:
-    """(P, 2) rows, earlier and later, at which the robot was truly in one place."""
-    few = np.unique(np.searchsorted(path, np.arange(0.0, path[-1], 0.25)).clip(0, len(path) - 1))
-    pairs = np.sort(cKDTree(poses[few, :2]).query_pairs(NEAR, output_type="ndarray"), axis=1)
-    pairs = few[pairs]
-    turned = np.degrees(np.abs(wrap_angle(poses[pairs[:, 0], 2] - poses[pairs[:, 1], 2])))
-    return np.asarray(pairs[(turned < TURNED) & (np.diff(path[pairs], axis=1)[:, 0] >= APART)])
-
-
-def tool(*words: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "cli.main", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
 if __name__ == "__main__":

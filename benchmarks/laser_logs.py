@@ -11,7 +11,6 @@ alone, matching, recognition, proximity; `--no-odometry` leaves odometry out.
 from __future__ import annotations
 
 import argparse
-import os
 import resource
 import tempfile
 import time
@@ -19,6 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from common import DATA
 
 from formats.database import open_store
 from formats.logs import open_log
@@ -37,8 +37,6 @@ from mapmyworld.types import ConstraintKind, MapStore, Poses, Trajectory
 from mapmyworld.types.maps import Relations
 
 _CLOSURES = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY)
-ROOT = Path(__file__).resolve().parent.parent
-DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
 
 
 def main() -> None:

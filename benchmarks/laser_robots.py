@@ -11,11 +11,11 @@ from __future__ import annotations
 import argparse
 import json
 import random
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
+
+from common import scores_of, tool
 
 WORLDS = ["apartment", "apartment", "hall", "office"]
 DRAWN: dict[str, list[Any]] = {
@@ -83,19 +83,6 @@ def robot(number: int) -> tuple[str, int, dict[str, Any]]:
     world = draw.choice(WORLDS)
     settings = {name: draw.choice(values) for name, values in DRAWN.items()}
     return world, draw.choice([1, 2]), settings
-
-
-def scores_of(made: Path, truth: Path) -> dict[str, Any]:
-    """How near a map's trajectory is to the truth, and how right its closures are."""
-    return {
-        what: json.loads(tool("evaluate", what, made, truth, "--format", "json").stdout)
-        for what in ("trajectory", "loops")
-    }
-
-
-def tool(*words: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "cli.main", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
 if __name__ == "__main__":

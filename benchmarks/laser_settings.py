@@ -13,7 +13,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from laser_logs import DATA, closures_of, errors_of
+from common import DATA
+from laser_logs import closures_of, errors_of
 
 from formats.database import open_store
 from formats.logs import open_log

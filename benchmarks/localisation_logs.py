@@ -9,7 +9,6 @@ when none is named. Maps and logs are made in a folder that `--keep` names, and 
 from __future__ import annotations
 
 import argparse
-import os
 import resource
 import tempfile
 import time
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import DATA
 from localisation_scores import head, report, show_kidnapping
 from ros_grids import grid_of_bag
 
@@ -35,9 +35,6 @@ from mapmyworld.localisation import localise_log
 from mapmyworld.stages.plan_log import plan_log
 from mapmyworld.types import Trajectory
 from mapmyworld.types.localisation import Localisation, State
-
-ROOT = Path(__file__).resolve().parent.parent
-DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from mapmyworld.evaluation.relations_metric import poses_at
 from mapmyworld.geometry.planar import matrix_to_planar
-from mapmyworld.geometry.rigid import between, interpolate
+from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Trajectory
 from mapmyworld.types.localisation import Localisation, State
@@ -19,7 +20,7 @@ def report(name: str, found: Localisation, cpu_s: float, reference: Trajectory) 
     stamps = np.array([e.stamp_ns for e in found.estimates])
     poses = np.stack([e.map_from_base for e in found.estimates])
     claimed = np.array([e.state != State.LOST for e in found.estimates])
-    off = between(poses, at_stamps(reference, stamps))
+    off = between(poses, poses_at(reference, stamps))
     if not claimed.any():
         print(f"| {name} | never | 0 % |", flush=True)
         return
@@ -43,16 +44,6 @@ def head() -> None:
                "x real time")  # fmt: skip
     print(f"| {' | '.join(columns)} |")
     print(f"|{' --- |' * len(columns)}")
-
-
-def at_stamps(path: Trajectory, stamps: np.ndarray) -> np.ndarray:
-    """Poses (N, 4, 4) of a path at stamps, in its own order where that is not the stamps'."""
-    order = np.argsort(path.stamps_ns, kind="stable")
-    known, poses = path.stamps_ns[order], path.poses[order]
-    after = np.clip(np.searchsorted(known, stamps), 1, len(known) - 1)
-    span = np.maximum(known[after] - known[after - 1], 1)
-    share = np.clip((stamps - known[after - 1]) / span, 0.0, 1.0)
-    return interpolate(poses[after - 1], poses[after], share)
 
 
 def normalised_squares(found: Localisation, off: np.ndarray) -> np.ndarray:

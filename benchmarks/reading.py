@@ -14,7 +14,6 @@ that of a process that reads a log of a camera and a laser once, 30 s long and f
 from __future__ import annotations
 
 import argparse
-import os
 import subprocess
 import sys
 import tempfile
@@ -23,6 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from common import DATA
 
 from cli.interrupts import peak_memory_mb
 from formats.converting import convert_log
@@ -35,9 +35,6 @@ from formats.recording_files import LogWriter
 from mapmyworld.sensing.survey import survey_log
 from mapmyworld.types import ImageMessage, LaserScanMessage, MessageKind
 
-DATA = Path(
-    os.environ.get("MAPMYWORLD_DATA", Path(__file__).resolve().parents[2] / "shared" / "data")
-)
 RUNS = 5
 HEADER = """\
 | log | messages | MB | kB a message | decompressing, s | reading, s | us a message | ratio \

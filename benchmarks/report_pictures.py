@@ -18,8 +18,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+from common import ROOT
 
-ROOT = Path(__file__).resolve().parent.parent
 _BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
 _FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 _DESKTOP = {"width": 1200, "height": 900}

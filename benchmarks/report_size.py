@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import ROOT
 
 from formats.database import open_store
 from mapmyworld.types import (
@@ -36,8 +37,7 @@ from mapmyworld.types import (
     Why,
 )
 
-SAMPLE = Path(__file__).resolve().parent.parent / "sample_logs" / "apartment.mcap"
-
+SAMPLE = ROOT / "sample_logs" / "apartment.mcap"
 _BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
 _FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 _TIMES = """() => {

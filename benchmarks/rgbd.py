@@ -21,14 +21,13 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from common import DATA, ROOT
+
 from cli.scoring import score_loops, truth_beside
 from formats.database import open_store
 from formats.trajectory_files import read_trajectory
 from mapmyworld.evaluation.trajectory_error import ate
 from mapmyworld.types import ConstraintKind, MapStore, Trajectory
-
-ROOT = Path(__file__).resolve().parent.parent
-DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
 
 
 @dataclass(frozen=True)

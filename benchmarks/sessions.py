@@ -20,7 +20,8 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from localisation_logs import DATA, Bench, run
+from common import DATA
+from localisation_logs import Bench, run
 
 from formats.database import open_store
 from formats.logs import open_log

@@ -15,7 +15,6 @@ accepted closure joins to it within 2 m of path.
 from __future__ import annotations
 
 import argparse
-import os
 import resource
 import tempfile
 import time
@@ -25,6 +24,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from common import DATA
 from laser_altered import altered
 from laser_recall import closures_of, recalled, returns
 
@@ -45,8 +45,6 @@ from mapmyworld.map_figures import calibrated_constraints
 from mapmyworld.pipeline import build_map
 from mapmyworld.types import CLOSURES, MapStore, Trajectory
 
-ROOT = Path(__file__).resolve().parent.parent
-DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
 BUILDINGS = ("acapulco", "belgioioso", "csail", "edmonton", "freiburg-101", "intel", "orebro")
 LOGS = {
     **{name: f"laser/buildings/{name}.clf.bz2" for name in BUILDINGS},

@@ -2,6 +2,9 @@
 
     python benchmarks/lost_tracking.py 0 8                       # drives 0 to 7
     python benchmarks/lost_tracking.py 3 --kind carried --world office
+    python benchmarks/lost_tracking.py 14 18 --world office --kind blind --laser-only --losses 0
+
+The last ones are spoilt nowhere: a laser alone.
 
 Each drive is one through a simulated world, two laps, of which some sections are spoilt:
 
@@ -21,20 +24,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cli.scoring import score_loops
 from mapmyworld.api import Built, build
 from mapmyworld.config import Config
-from mapmyworld.evaluation.loops import MAX_ANGLE_DEG, MAX_DISTANCE
-from mapmyworld.evaluation.relations_metric import poses_at
+from mapmyworld.evaluation.nees import map_nees
 from mapmyworld.evaluation.trajectory_error import ate
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between
-from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.memory_log import MemoryLog
 from mapmyworld.places.laser_nodes import joined_sessions, load_node_scans
 from mapmyworld.simulation import Recording, SimulationSettings, simulate
 from mapmyworld.simulation.message_streams import ODOMETRY_TOPIC, TF_TOPIC
 from mapmyworld.types import (
-    CLOSURES,
     LaserScanMessage,
     Message,
     OdometryMessage,
@@ -78,7 +79,7 @@ def main() -> None:
     options = parser.parse_args()
     print(
         "| drive | world | spoilt | ATE m | max m | deg | components | ATE within m "
-        "| closures | wrong | lost scans |\n" + "| --- " * 11 + "|"
+        "| closures | wrong | lost scans | NEES |\n" + "| --- " * 12 + "|"
     )
     for number in range(options.first, options.end or options.first + 1):
         for world in [options.world] if options.world else WORLDS:
@@ -103,7 +104,10 @@ def row(number: int, world: str, kind: str, options: argparse.Namespace) -> str:
     moments = (stamps - recording.truth.start_ns) * 1e-9
     sound = np.array([spoils_at(moment, sections) is None for moment in moments.tolist()])
     score = ate(Trajectory(stamps[sound], frames[sound]), truth)
-    count, wrong = closures_of(built, truth)
+    right = score_loops(built.map, truth, None).right
+    poses = built.map.poses()
+    assert poses is not None
+    nees = map_nees(built.map.nodes(), poses, truth)
     components = connected_components_of(built)[sound]
     within = [ate(Trajectory(stamps[sound][k], frames[sound][k]), truth).translation.rmse
               for k in (components == one for one in np.unique(components))]  # fmt: skip
@@ -113,7 +117,7 @@ def row(number: int, world: str, kind: str, options: argparse.Namespace) -> str:
     return (
         f"| {number} | {world} | {kind} | {score.translation.rmse:.4f} | "
         f"{score.translation.maximum:.3f} | {score.rotation_deg.rmse:.2f} | {len(sizes)} | "
-        f"{inside:.4f} | {count} | {wrong} | {lost} |"
+        f"{inside:.4f} | {len(right)} | {(~right).sum()} | {lost} | {nees or np.nan:.1f} |"
     )
 
 
@@ -199,21 +203,6 @@ def connected_components_of(built: Built) -> NDArray[np.int64]:
     session = joined_sessions(loaded, built.map.constraints())
     at = np.searchsorted(ids, built.map.tracked_frames().node_ids, side="right") - 1
     return np.asarray(session[np.maximum(at, 0)], np.int64)
-
-
-def closures_of(built: Built, truth: Trajectory) -> tuple[int, int]:
-    """How many closures were accepted, and how many of them are wrong."""
-    stamp_of = {node.id: node.stamp_ns for node in built.map.nodes()}
-    kept = [c for c in built.map.constraints() if c.kind in CLOSURES and c.accepted]
-    if not kept:
-        return 0, 0
-    stamps = np.array([(stamp_of[c.from_id], stamp_of[c.to_id]) for c in kept])
-    first, second = (poses_at(truth, stamps[:, k]) for k in (0, 1))
-    error = between(between(first, second), np.stack([c.i_from_j for c in kept]))
-    far = np.linalg.norm(error[:, :3, 3], axis=1) > MAX_DISTANCE
-    return len(kept), int(
-        np.count_nonzero(far | (np.degrees(rotation_angle(error)) > MAX_ANGLE_DEG))
-    )
 
 
 if __name__ == "__main__":

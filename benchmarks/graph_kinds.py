@@ -13,12 +13,11 @@ from dataclasses import replace
 import numpy as np
 from common import DATA
 from graph_gtsam import examples_cost
-from graph_large import unequal
+from graph_large import correlated, unequal
 from graph_worlds import drive, meetings, posed, sigmas, some, street_walk, turned
 
 from formats.graph_reading import read_graph
 from mapmyworld.geometry.planar import wrap_angle
-from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.graph.optimisation import optimise
 from mapmyworld.types.pose_graph import PoseGraph
 
@@ -64,24 +63,14 @@ def rim() -> Graphs:
     yield "0.02 rad", drive(truth, pairs, sigmas(False, 0.05, 0.02), rng)
 
 
-def correlated() -> Graphs:
-    """Axes known so many times better and worse, and mixed by a share of a random rotation."""
+def spread_out() -> Graphs:
     for spread, mix in ((3, 0.3), (3, 0.45), (3, 0.6), (3, 1.0), (10, 0.45)):
         rng = np.random.default_rng(71)
         truth, graph = unequal(rng)
-        edges, count = graph.edges, len(graph.edges)
-        sigma = sigmas(False, 0.1, 0.03) * spread ** rng.uniform(-1.0, 1.0, (count, 6))
-        turns = np.linalg.qr(rng.normal(size=(count, 6, 6)))[0]
-        shape = ((1.0 - mix) * np.eye(6) + mix * turns) * sigma[:, None]
-        noise = np.einsum("eij,ej->ei", shape, rng.normal(size=(count, 6)))
-        motion = between(truth[edges.from_ids], truth[edges.to_ids]) @ se3_exp(noise)
-        known = np.linalg.inv(shape @ np.swapaxes(shape, 1, 2)).astype(np.float64)
-        known = 0.5 * (known + np.swapaxes(known, 1, 2))
-        noisy = replace(edges, i_from_j=motion, information=known)
-        yield f"{spread} times, {mix}", replace(graph, edges=noisy)
+        yield f"{spread} times, {mix}", correlated(truth, graph, spread, mix, rng)
 
 
-KINDS = {"M3500": m3500, "ring": ring, "w10000": w10000, "rim": rim, "correlated": correlated}
+KINDS = {"M3500": m3500, "ring": ring, "w10000": w10000, "rim": rim, "correlated": spread_out}
 
 
 def main() -> None:

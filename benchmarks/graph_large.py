@@ -61,16 +61,22 @@ def unequal(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
     truth[:, 2, 3] = 3.0 * np.sin(np.arange(3000) / 80.0)
     pairs = some(meetings(truth[:, :3, 3], 2.0, 10), 4000, rng)
     graph = drive(truth, pairs, sigmas(False, 0.05, 0.02), rng)
-    tails, heads, count = graph.edges.from_ids, graph.edges.to_ids, len(graph.edges)
-    sigma = sigmas(False, 0.1, 0.03) * 10.0 ** rng.uniform(-1.0, 1.0, (count, 6))
-    mixed = np.linalg.qr(rng.normal(size=(count, 6, 6)))[0]
-    shape = np.einsum("eij,ej->eij", 0.7 * np.eye(6) + 0.3 * mixed, sigma)
+    return truth, correlated(truth, graph, 10.0, 0.3, rng)
+
+
+def correlated(
+    truth: np.ndarray, graph: PoseGraph, spread: float, mix: float, rng: np.random.Generator
+) -> PoseGraph:
+    """Axes known so many times better and worse, and mixed by a share of a random rotation."""
+    edges, count = graph.edges, len(graph.edges)
+    sigma = sigmas(False, 0.1, 0.03) * spread ** rng.uniform(-1.0, 1.0, (count, 6))
+    turns = np.linalg.qr(rng.normal(size=(count, 6, 6)))[0]
+    shape = ((1.0 - mix) * np.eye(6) + mix * turns) * sigma[:, None]
     noise = np.einsum("eij,ej->ei", shape, rng.normal(size=(count, 6)))
-    measured = between(truth[tails], truth[heads]) @ se3_exp(noise)
-    information = np.linalg.inv(shape @ np.swapaxes(shape, 1, 2))
-    information = 0.5 * (information + np.swapaxes(information, 1, 2))
-    edges = replace(graph.edges, i_from_j=measured, information=information)
-    return truth, replace(graph, edges=edges)
+    motion = between(truth[edges.from_ids], truth[edges.to_ids]) @ se3_exp(noise)
+    known = np.linalg.inv(shape @ np.swapaxes(shape, 1, 2))
+    known = 0.5 * (known + np.swapaxes(known, 1, 2))
+    return replace(graph, edges=replace(edges, i_from_j=motion, information=known))
 
 
 LARGE: dict[str, Maker] = {

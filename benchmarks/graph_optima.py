@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import resource
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -23,12 +24,12 @@ from common import DATA
 from graph_false import with_false
 from graph_gtsam import examples_cost, plain_gtsam
 from graph_large import LARGE
-from graph_restarts import random_starts
 from graph_worlds import HARD, KINDS, Maker, world
 
 from formats.graph_reading import read_graph
 from mapmyworld.backend import block_matrix
 from mapmyworld.backend.descent import descend
+from mapmyworld.backend.starts import along_tree, spanning_tree
 from mapmyworld.backend.system import System, fit_of
 from mapmyworld.config import GraphConfig
 from mapmyworld.graph.covariance import marginal_covariances
@@ -164,6 +165,15 @@ def hard(makers: dict[str, Maker], kinds: list[str], seeds: list[int], restarts:
             f"{tried.reported(min(true, best, plain))}",
             flush=True,
         )
+
+
+def random_starts(problem: Problem, count: int) -> Iterator[np.ndarray]:
+    """Poses of all nodes along trees whose edges are drawn, as different as the graph allows."""
+    rng, system = np.random.default_rng(0), problem.system
+    for _ in range(count):
+        lot = rng.permutation(len(system.tails)) * len(problem.guess)
+        tree = spanning_tree(system, len(problem.guess), lot)
+        yield along_tree(system.planar, problem.guess, tree.parents, tree.motions)
 
 
 def robust(names: list[str], seeds: int, shares: list[float], groups: list[int]) -> None:

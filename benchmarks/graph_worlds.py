@@ -107,10 +107,7 @@ def turned(axis: int, angle: np.ndarray) -> np.ndarray:
 
 def ring(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
     """300 poses, noisy turns, two closures at its end."""
-    angle = np.arange(300) * 2.0 * np.pi / 300
-    radius = 300 / (2.0 * np.pi)
-    truth = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), angle + np.pi / 2])
-    pairs = np.array([(0, 299), (1, 298)])
+    truth, pairs = _circle(300, 300), np.array([(0, 299), (1, 298)])
     return truth, drive(truth, pairs, sigmas(True, 0.1, 0.1), rng)
 
 

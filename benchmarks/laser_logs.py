@@ -20,23 +20,20 @@ from pathlib import Path
 import numpy as np
 from common import DATA
 
+from cli.scoring import score_loops
 from formats.database import open_store
 from formats.logs import open_log
 from formats.relation_files import read_relations
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
-from mapmyworld.evaluation.loops import MAX_ANGLE_DEG, MAX_DISTANCE
 from mapmyworld.evaluation.relations_metric import relations_score
-from mapmyworld.geometry.rigid import between
-from mapmyworld.geometry.rotations import rotation_angle
+from mapmyworld.exporting import trajectory_of
 from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.graph.solved_graph import solve
 from mapmyworld.pipeline import build_map
-from mapmyworld.types import ConstraintKind, MapStore, Poses, Trajectory
+from mapmyworld.types import CLOSURES, ConstraintKind, MapStore, Poses, Trajectory
 from mapmyworld.types.maps import Relations
-
-_CLOSURES = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY)
 
 
 def main() -> None:
@@ -101,18 +98,9 @@ def errors_of(store: MapStore, map_from_frame: np.ndarray, relations: Relations 
 
 def closures_of(store: MapStore) -> str:
     """How many closures were tried, accepted, and right by the final poses."""
-    poses = store.poses()
-    assert poses is not None
-    place = dict(zip(poses.ids.tolist(), poses.map_from_node, strict=True))
-    closures = [c for c in store.constraints() if c.kind in _CLOSURES]
-    kept = [c for c in closures if c.accepted]
-    errors = [between(between(place[c.from_id], place[c.to_id]), c.i_from_j) for c in kept]
-    right = [
-        np.hypot(*e[:2, 3]) <= MAX_DISTANCE and np.degrees(rotation_angle(e)) <= MAX_ANGLE_DEG
-        for e in errors
-    ]
-    share = np.mean(right) if right else 1.0
-    return f"{len(closures)} tried, {len(kept)} accepted, {share:.1%} right"
+    tried = sum(c.kind in CLOSURES for c in store.constraints())
+    score = score_loops(store, trajectory_of(store), None)
+    return f"{tried} tried, {len(score.right)} accepted, {score.precision:.1%} right"
 
 
 def print_ablation(store: MapStore, relations: Relations | None, config: Config) -> None:

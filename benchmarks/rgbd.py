@@ -27,7 +27,7 @@ from cli.scoring import score_loops, truth_beside
 from formats.database import open_store
 from formats.trajectory_files import read_trajectory
 from mapmyworld.evaluation.trajectory_error import ate
-from mapmyworld.types import ConstraintKind, MapStore, Trajectory
+from mapmyworld.types import CLOSURES, MapStore, Trajectory
 
 
 @dataclass(frozen=True)
@@ -136,11 +136,7 @@ def score(log: Path, output: Path, wall: float, cpu: float, memory: float) -> Ro
     truth = read_trajectory(truth_of(log))
     stamps = frames.stamps_ns
     error = ate(Trajectory(stamps, poses), truth).rmse
-    closures = [
-        c
-        for c in constraints
-        if c.accepted and c.kind in (ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY)
-    ]
+    closures = [c for c in constraints if c.accepted and c.kind in CLOSURES]
     total = image_count(log) or len(stamps)
     length = (stamps[-1] - stamps[0]) * 1e-9
     return Row(

@@ -6,11 +6,11 @@ python benchmarks/diagnosis.py [WORLD...] [--only FAULT]
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from robust.ailments import Entry, Spoil, depth, each, nothing_of, restamped
 
 from mapmyworld import MemoryLog
 from mapmyworld.config import Config
@@ -25,13 +25,11 @@ from mapmyworld.types import (
     ImageMessage,
     ImuMessage,
     LaserScanMessage,
-    Message,
     OdometryMessage,
     TransformsMessage,
+    TransformStamped,
 )
 
-Entry = tuple[str, Message, int]
-Fault = Callable[[list[Entry]], Iterator[Entry]]
 ROUTES = {
     "apartment": "turn:60 0.8,0.2 turn:-90 turn:90 1.6,-0.3 turn:45 turn:-45",
     "hall": "3,0 turn:60 turn:-60 4,0.5 turn:90 4,2 turn:-40",
@@ -49,132 +47,86 @@ def drive(world: str) -> list[Entry]:
     return list(made.messages())
 
 
-def stamped(kind: type[Any], late_s: float) -> Fault:
-    """The header stamps of one kind of message lie so much too late."""
-
-    def change(entries: list[Entry]) -> Iterator[Entry]:
-        for topic, message, time in entries:
-            if isinstance(message, kind):
-                stamp = message.stamp_ns + int(late_s * 1e9)
-                message = replace(message, stamp_ns=stamp)
-            yield topic, message, time
-
-    return change
+def stamped(late_s: float, *kinds: type[Any]) -> Spoil:
+    """The header stamps of some kinds of message lie so much too late."""
+    return restamped(lambda stamp_ns, _: stamp_ns + int(late_s * 1e9), *kinds)
 
 
-def camera_stamped(late_s: float) -> Fault:
-    return _both(stamped(ImageMessage, late_s), stamped(CameraInfoMessage, late_s))
+def scaled(factor: float) -> Spoil:
+    return depth(lambda cells: cells * np.float32(factor))
 
 
-def _both(first: Fault, second: Fault) -> Fault:
-    return lambda entries: second(list(first(entries)))
+def without_laser(factor: float) -> Spoil:
+    """The depth images are changed, and there is nothing beside them."""
+    return lambda entries: scaled(factor)(nothing_of(LaserScanMessage)(entries))
 
 
-def depth(made: Callable[[Any], Any]) -> Fault:
-    """The depth images are changed."""
-
-    def change(entries: list[Entry]) -> Iterator[Entry]:
-        for topic, message, time in entries:
-            if isinstance(message, ImageMessage) and message.is_depth:
-                message = replace(message, pixels=_given(made(message.pixels())))
-            yield topic, message, time
-
-    return change
-
-
-def _given(cells: Any) -> Callable[[], Any]:
-    return lambda: cells
-
-
-def mounted(sensor: str, shift: tuple[float, float, float], yaw: float = 0.0) -> Fault:
+def mounted(sensor: str, shift: tuple[float, float, float], yaw: float = 0.0) -> Spoil:
     """By tf, the LASER or the CAMERA sits elsewhere on its parent than it does."""
-    moved = make_transform(
-        roll_pitch_yaw_to_rotation(0.0, 0.0, float(np.radians(yaw))), np.array(shift)
-    )
+    turn = roll_pitch_yaw_to_rotation(0.0, 0.0, float(np.radians(yaw)))
 
-    def change(entries: list[Entry]) -> Iterator[Entry]:
+    def placed(t: TransformStamped) -> TransformStamped:
+        """Shifted along the parent's axes and turned about the frame's own place."""
+        pose = t.parent_from_child
+        moved = make_transform(turn @ pose[:3, :3], pose[:3, 3] + shift)
+        return replace(t, parent_from_child=moved)
+
+    def spoil(entries: list[Entry]) -> list[Entry]:
         name = frames_of(entries)[sensor]
-        for topic, message, time in entries:
-            if isinstance(message, TransformsMessage) and message.static:
-                message = replace(
-                    message,
-                    transforms=tuple(
-                        replace(t, parent_from_child=_placed(t.parent_from_child, moved))
-                        if t.child == name
-                        else t
-                        for t in message.transforms
-                    ),
-                )
-            yield topic, message, time
 
-    return change
+        def change(message: TransformsMessage, _: int) -> TransformsMessage:
+            if not message.static:
+                return message
+            moved = (placed(t) if t.child == name else t for t in message.transforms)
+            return replace(message, transforms=tuple(moved))
+
+        return each(TransformsMessage, change)(entries)
+
+    return spoil
 
 
-def _placed(pose: Any, moved: Any) -> Any:
-    """Shifted along the parent's axes and turned about the frame's own place."""
-    found = pose.copy()
-    found[:3, 3] += moved[:3, 3]
-    found[:3, :3] = moved[:3, :3] @ found[:3, :3]
-    return found
+def wheels(factor: float) -> Spoil:
+    scale = np.array([[1.0, 1.0, 1.0, factor]] * 3 + [[1.0] * 4])
+    return each(OdometryMessage, lambda message, _: replace(message, pose=message.pose * scale))
 
 
-def wheels(factor: float) -> Fault:
-    def change(entries: list[Entry]) -> Iterator[Entry]:
-        for topic, message, time in entries:
-            if isinstance(message, OdometryMessage):
-                pose = message.pose.copy()
-                pose[:3, 3] *= factor
-                message = replace(message, pose=pose)
-            yield topic, message, time
-
-    return change
-
-
-def without(kind: type[Any], first_s: float = 0.0, last_s: float = 1e9) -> Fault:
-    def change(entries: list[Entry]) -> Iterator[Entry]:
-        start = entries[0][2]
-        for topic, message, time in entries:
-            if not (isinstance(message, kind) and first_s <= (time - start) * 1e-9 < last_s):
-                yield topic, message, time
-
-    return change
-
-
-def sound(entries: list[Entry]) -> Iterator[Entry]:
-    yield from entries
+def silent_laser(entries: list[Entry]) -> list[Entry]:
+    """From second 6 to 10."""
+    start = entries[0][2]
+    return [
+        e
+        for e in entries
+        if not (isinstance(e[1], LaserScanMessage) and 6.0 <= (e[2] - start) * 1e-9 < 10.0)
+    ]
 
 
 # Name -> how a log is made wrong, a word of the line that must say so, and its value.
-FAULTS: dict[str, tuple[Fault, str, float | None]] = {
-    "sound": (sound, "", None),
+FAULTS: dict[str, tuple[Spoil, str, float | None]] = {
+    "sound": (list, "", None),
     "odometry 0.12 s late": (
-        stamped(OdometryMessage, 0.12), "time offset of odometry to laser", 0.12),
+        stamped(0.12, OdometryMessage), "time offset of odometry to laser", 0.12),
     "gyroscope 0.1 s early": (
-        stamped(ImuMessage, -0.1), "time offset of gyroscope to laser", -0.1),
-    "camera 0.15 s late": (camera_stamped(0.15), "time offset of odometry to camera", -0.15),
-    "laser 40 s ahead": (stamped(LaserScanMessage, 40.0), "clocks disagree", None),
+        stamped(-0.1, ImuMessage), "time offset of gyroscope to laser", -0.1),
+    "camera 0.15 s late": (
+        stamped(0.15, ImageMessage, CameraInfoMessage), "time offset of odometry to camera",
+        -0.15),
+    "laser 40 s ahead": (stamped(40.0, LaserScanMessage), "clocks disagree", None),
     "odometry 10 % long": (wheels(1.1), "odometry scale", 1 / 1.1),
-    "depth 1.2 times": (depth(lambda cells: cells * np.float32(1.2)), "depth scale", 1.2),
-    "depth in metres as mm": (
-        depth(lambda cells: cells * np.float32(0.001)), "depth scale", 0.001),
-    "depth in mm as m": (depth(lambda cells: cells * np.float32(1000)), "depth scale", 1000.0),
-    "depth in 1/5000 m as mm": (
-        depth(lambda cells: cells * np.float32(5)), "depth scale", 5.0),
-    "sound, no laser": (without(LaserScanMessage), "", None),
-    "no laser, depth 1.3 times": (
-        _both(without(LaserScanMessage), depth(lambda cells: cells * np.float32(1.3))),
-        "depth scale", 1.3),
-    "no laser, depth in 1/5000 m as mm": (
-        _both(without(LaserScanMessage), depth(lambda cells: cells * np.float32(5))),
-        "depth scale", 5.0),
+    "depth 1.2 times": (scaled(1.2), "depth scale", 1.2),
+    "depth in metres as mm": (scaled(0.001), "depth scale", 0.001),
+    "depth in mm as m": (scaled(1000.0), "depth scale", 1000.0),
+    "depth in 1/5000 m as mm": (scaled(5.0), "depth scale", 5.0),
+    "sound, no laser": (nothing_of(LaserScanMessage), "", None),
+    "no laser, depth 1.3 times": (without_laser(1.3), "depth scale", 1.3),
+    "no laser, depth in 1/5000 m as mm": (without_laser(5.0), "depth scale", 5.0),
     "depth moved 7 pixels": (
         depth(lambda cells: np.roll(cells, 7, axis=1)), "camera and depth", 7.0),
     "laser 0.2 m ahead": (mounted("LASER", (0.2, 0.0, 0.0)), "scan against depth", None),
     "laser turned 6 deg": (mounted("LASER", (0.0, 0.0, 0.0), 6.0), "scan against depth", None),
     "camera 0.15 m left": (mounted("CAMERA", (0.0, 0.15, 0.0)), "scan against depth", None),
     "camera 0.1 m high": (mounted("CAMERA", (0.0, 0.0, 0.1)), "floor tilt", None),
-    "no tf": (without(TransformsMessage), "no transform from", None),
-    "laser stops 4 s": (without(LaserScanMessage, 6.0, 10.0), "silent for 4", None),
+    "no tf": (nothing_of(TransformsMessage), "no transform from", None),
+    "laser stops 4 s": (silent_laser, "silent for 4", None),
 }  # fmt: skip
 
 
@@ -214,7 +166,7 @@ def main() -> None:
 def report(world: str, name: str, entries: list[Entry]) -> list[str]:
     """Whether the fault is reported, and every line that is no praise."""
     fault, where, value = FAULTS[name]
-    found, words = reported(list(fault(entries)))
+    found, words = reported(fault(entries))
     bad = {key: finding for key, finding in found.items() if not finding.good}
     lines = [f"    {key}: {one.text} -> {one.suggestion}" for key, one in bad.items()]
     lines += [f"    - {word}" for word in words]

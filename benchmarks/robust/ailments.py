@@ -36,7 +36,7 @@ class Ailment:
     words: str = ""
 
 
-def _each(kind: type[M], change: Callable[[M, int], Any], *, topic: str = "") -> Spoil:
+def each(kind: type[M], change: Callable[[M, int], Any], *, topic: str = "") -> Spoil:
     """Changes the messages of a kind; `change` gets each with its number, None removes it."""
 
     def spoil(entries: list[Entry]) -> list[Entry]:
@@ -52,7 +52,7 @@ def _each(kind: type[M], change: Callable[[M, int], Any], *, topic: str = "") ->
     return spoil
 
 
-def _restamped(change: Callable[[int, int], int], *kinds: type[Any]) -> Spoil:
+def restamped(change: Callable[[int, int], int], *kinds: type[Any]) -> Spoil:
     """New header stamps, of the old one and the message's number."""
 
     def spoil(entries: list[Entry]) -> list[Entry]:
@@ -68,7 +68,7 @@ def _restamped(change: Callable[[int, int], int], *kinds: type[Any]) -> Spoil:
 
 
 def _ranges(change: Callable[[np.ndarray, int], np.ndarray]) -> Spoil:
-    return _each(LaserScanMessage, lambda m, n: replace(m, ranges=change(m.ranges.copy(), n)))
+    return each(LaserScanMessage, lambda m, n: replace(m, ranges=change(m.ranges.copy(), n)))
 
 
 def _every(step: int, value: float) -> Callable[[np.ndarray, int], np.ndarray]:
@@ -90,17 +90,17 @@ def _pose_with(value: float, every: int) -> Callable[[OdometryMessage, int], Odo
     return change
 
 
-def _image(pixels: Callable[[np.ndarray], np.ndarray], topic: str, encoding: str) -> Spoil:
-    """Images decoded, changed, and written raw again."""
+def depth(pixels: Callable[[np.ndarray], np.ndarray]) -> Spoil:
+    """Depth images decoded, changed, and written raw again."""
 
     def change(message: ImageMessage, _: int) -> ImageMessage:
         made = pixels(message.pixels())
         return replace(
-            message, encoding=encoding, width=made.shape[1], height=made.shape[0],
+            message, encoding="32FC1", width=made.shape[1], height=made.shape[0],
             pixels=lambda: made, encoded=None,
         )  # fmt: skip
 
-    return _each(ImageMessage, change, topic=topic)
+    return each(ImageMessage, change, topic="depth")
 
 
 def _tiny(height: int, width: int) -> Spoil:
@@ -136,7 +136,7 @@ def _broken_files(every: int) -> Spoil:
         data[:24] = b"\0" * 24 if number % 2 else data[:24]
         return replace(message, encoded=bytes(data))
 
-    return _each(ImageMessage, change)
+    return each(ImageMessage, change)
 
 
 def _transforms_of(parent: str, child: str, times: Callable[[int], np.ndarray]) -> Spoil:
@@ -185,7 +185,7 @@ def _clock_set(stamp_ns: int, number: int) -> int:
     return stamp_ns - HOUR if number > 100 else stamp_ns
 
 
-def _nothing_of(*kinds: type[Any]) -> Spoil:
+def nothing_of(*kinds: type[Any]) -> Spoil:
     return lambda entries: [e for e in entries if not isinstance(e[1], kinds)]
 
 
@@ -212,16 +212,16 @@ def _pause(entries: list[Entry]) -> list[Entry]:
 
 def _scan(**changes: float) -> Spoil:
     """Every scan with these fields changed."""
-    return _each(LaserScanMessage, lambda m, _: replace(m, **changes))  # type: ignore[arg-type]
+    return each(LaserScanMessage, lambda m, _: replace(m, **changes))  # type: ignore[arg-type]
 
 
 def _info(**changes: Any) -> Spoil:
     """Every camera info with these fields changed."""
-    return _each(CameraInfoMessage, lambda m, _: replace(m, **changes))
+    return each(CameraInfoMessage, lambda m, _: replace(m, **changes))
 
 
 def _odometry(value: float, every: int) -> Spoil:
-    return _each(OdometryMessage, _pose_with(value, every))
+    return each(OdometryMessage, _pose_with(value, every))
 
 
 def _turned_nowhere(message: LaserScanMessage, number: int) -> LaserScanMessage:
@@ -286,7 +286,7 @@ AILMENTS: tuple[Ailment, ...] = (
     Ailment("ranges of changing number", _ranges(lambda r, n: r[: len(r) - n % 40])),
     Ailment("ranges none, now and then", _ranges(lambda r, n: r[: 0 if n % 4 == 0 else len(r)])),
     Ailment("ranges never any", _ranges(lambda r, _: r[:0]), (2, 3)),
-    Ailment("bearing NaN", _each(LaserScanMessage, _turned_nowhere)),
+    Ailment("bearing NaN", each(LaserScanMessage, _turned_nowhere)),
     Ailment("bearings without step", _scan(angle_increment=0.0)),
     Ailment("beam times NaN", _scan(time_increment=np.nan)),
     Ailment("beam times of a year", _scan(time_increment=3e7)),
@@ -297,7 +297,7 @@ AILMENTS: tuple[Ailment, ...] = (
     Ailment("odometry absurd", _odometry(1e300, 4)),
     Ailment("odometry all NaN", _odometry(np.nan, 1)),
     Ailment("odometry jumps", _odometry(50.0, 9)),
-    Ailment("odometry of no frame", _each(OdometryMessage, _without_names)),
+    Ailment("odometry of no frame", each(OdometryMessage, _without_names)),
     Ailment("odometry stops", _between(0.0, 0.5, OdometryMessage), words="odometry"),
     Ailment("odometry starts late", _between(0.5, 1.0, OdometryMessage)),
     Ailment("laser stops", _between(0.0, 0.5, *LASER), words="before the log ends"),
@@ -333,45 +333,43 @@ AILMENTS: tuple[Ailment, ...] = (
     Ailment("camera info NaN", _info(intrinsics=np.full((3, 3), np.nan)), (3,), "no intrinsics"),
     Ailment("camera info of no size", _info(width=0, height=0)),
     Ailment("camera info of another size", _info(width=7, height=9000)),
-    Ailment("camera info absent", _nothing_of(CameraInfoMessage), (3,), "camera info"),
+    Ailment("camera info absent", nothing_of(CameraInfoMessage), (3,), "camera info"),
     Ailment("distortion NaN", _info(distortion=np.full(5, np.nan))),
     Ailment(
         "distortion of unknown model", _info(distortion_model="mystery", distortion=np.ones(17))
     ),
-    Ailment("depth of half the size", _image(lambda p: p[::2, ::2].copy(), "depth", "32FC1")),
+    Ailment("depth of half the size", depth(lambda p: p[::2, ::2].copy())),
     Ailment(
         "depth of another shape",
-        _image(lambda p: p[:, :40].copy(), "depth", "32FC1"),
+        depth(lambda p: p[:, :40].copy()),
         (3,),
         "not registered",
     ),
-    Ailment("depth in millimetres as metres", _image(lambda p: p * 1000.0, "depth", "32FC1")),
-    Ailment("depth NaN and infinite", _image(_holes, "depth", "32FC1")),
-    Ailment("depth negative", _image(lambda p: -p, "depth", "32FC1")),
+    Ailment("depth in millimetres as metres", depth(lambda p: p * 1000.0)),
+    Ailment("depth NaN and infinite", depth(_holes)),
+    Ailment("depth negative", depth(lambda p: -p)),
     Ailment("depth absent", _without_depth, (3,), "no depth"),
     Ailment("a camera of one pixel", _tiny(1, 1)),
     Ailment("a camera of two pixels", _tiny(2, 1)),
     Ailment("a camera of one row", _tiny(1, 64)),
     Ailment("images that do not decode", _broken_files(1)),
     Ailment("some images that do not decode", _broken_files(5)),
-    Ailment("encoding unknown", _each(ImageMessage, _unknown_encoding, topic="rgb")),
-    Ailment("imu NaN", _each(ImuMessage, _nan_imu)),
+    Ailment("encoding unknown", each(ImageMessage, _unknown_encoding, topic="rgb")),
+    Ailment("imu NaN", each(ImuMessage, _nan_imu)),
     Ailment("tf loop", _loop),
     Ailment("tf to itself", _transforms_of("base_link", "base_link", lambda _: np.eye(4))),
     Ailment("tf jumps", _transforms_of("odom", "base_link", _shifted)),
     Ailment("tf NaN", _nan_transform),
     Ailment("tf of no name", _transforms_of("", "", lambda _: np.eye(4))),
     Ailment("tf no rotation", _transforms_of("base_link", "stray", lambda _: np.zeros((4, 4)))),
-    Ailment("tf absent", _nothing_of(TransformsMessage), (3,), "scan_mount"),
-    Ailment(
-        "several clocks", _restamped(lambda t, _: t + HOUR, LaserScanMessage), (0, 3), "clocks"
-    ),
-    Ailment("stamps zero", _restamped(lambda *_: 0), (3,), "stamps"),
-    Ailment("stamps of the laser zero", _restamped(lambda *_: 0, LaserScanMessage), (3,), "clock"),
-    Ailment("stamps in the future", _restamped(lambda t, _: t + 10 * 365 * 24 * HOUR)),
-    Ailment("stamps backwards", _restamped(lambda t, n: t - 2 * SECOND * (n % 30 == 0))),
-    Ailment("stamps all the same", _restamped(lambda *_: 1_700_000_000 * SECOND, LaserScanMessage)),
-    Ailment("clock set back", _restamped(_clock_set), (0, 3), "step back"),
+    Ailment("tf absent", nothing_of(TransformsMessage), (3,), "scan_mount"),
+    Ailment("several clocks", restamped(lambda t, _: t + HOUR, LaserScanMessage), (0, 3), "clocks"),
+    Ailment("stamps zero", restamped(lambda *_: 0), (3,), "stamps"),
+    Ailment("stamps of the laser zero", restamped(lambda *_: 0, LaserScanMessage), (3,), "clock"),
+    Ailment("stamps in the future", restamped(lambda t, _: t + 10 * 365 * 24 * HOUR)),
+    Ailment("stamps backwards", restamped(lambda t, n: t - 2 * SECOND * (n % 30 == 0))),
+    Ailment("stamps all the same", restamped(lambda *_: 1_700_000_000 * SECOND, LaserScanMessage)),
+    Ailment("clock set back", restamped(_clock_set), (0, 3), "step back"),
     Ailment("every message twice", _twice),
     Ailment("bursts", _bursts),
     Ailment("a single scan", lambda e: _first(e, LaserScanMessage), (0, 2, 3)),

@@ -11,27 +11,31 @@ sweeps over a few square metres, "room" turns once around, "spin" turns fast on 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.trajectory_files import write_trajectory
 from mapmyworld.geometry.rigid import make_transform
-from mapmyworld.geometry.rotations import rotation_to_quaternion, so3_exp
+from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.simulation import SimulationSettings
 from mapmyworld.simulation.image_messages import disturb_colour, disturb_depth, exposure_at
 from mapmyworld.simulation.robot import intrinsics
 from mapmyworld.simulation.simulated_camera import Renderer
 from mapmyworld.simulation.world import build_scene
 from mapmyworld.simulation.worlds import WORLDS
+from mapmyworld.types import Trajectory
 
-Array = NDArray[np.float64]
+Array, Image = NDArray[np.float64], NDArray[np.uint8]
 _EXPOSURE = 0.012  # s during which a picture is taken
 _LAG = 0.009  # s from colour to depth, as between the Kinect's two cameras
-_LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # optical, looking along x
+LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # optical, looking along x
 _STEPS = 2  # views of which a blurred picture is the mean
 _UNITS = 5000.0  # of depth a metre
 
@@ -62,7 +66,7 @@ class Hand:
         roll = 0.12 * np.sin(1.1 * w * t + 0.5) + 0.01 * np.sin(14.0 * t)
         turned = so3_exp([0.0, 0.0, yaw]) @ so3_exp([0.0, pitch, 0.0]) @ so3_exp([roll, 0.0, 0.0])
         place = np.array(self.centre) + np.array(self.reach) * way + tremble
-        return make_transform(turned @ _LEVEL, place)
+        return make_transform(turned @ LEVEL, place)
 
 
 HANDS = {
@@ -74,50 +78,57 @@ HANDS = {
 
 
 def record(hand: Hand, folder: Path, seconds: float, rate: float, world: str, seed: int) -> None:
-    """Writes the folder: images, lists, truth and calibration."""
+    """Writes the folder."""
     settings = SimulationSettings()
     camera = Renderer(build_scene(WORLDS[world]), settings)
-    stamps = 1000.0 + np.arange(round(seconds * rate)) / rate
-    gains = exposure_at(stamps - 1000.0, settings.camera, np.random.default_rng(seed))
+    times = np.arange(round(seconds * rate)) / rate
+    gains = exposure_at(times, settings.camera, np.random.default_rng(seed))
+    motion = partial(hand.pose, length=seconds)
+
+    def shoot(k: int) -> tuple[Image, Array]:
+        t, random = times[k], np.random.default_rng((seed, k))
+        moments = t + np.linspace(-0.5, 0.5, _STEPS) * _EXPOSURE
+        views = [camera.render(motion(float(m))) for m in moments]
+        mean = np.mean([view.colour for view in views], axis=0).astype(np.uint8)
+        colour = disturb_colour(mean, float(gains[k]), settings.camera, random)
+        deep = camera.render(motion(float(t + _LAG)))
+        return colour, disturb_depth(deep.depth, deep.slant, settings.camera, random)
+
+    k = intrinsics(settings)
+    write_folder(folder, times, _LAG, shoot, motion, [k[0, 0], k[1, 1], k[0, 2], k[1, 2]])
+
+
+def write_folder(
+    folder: Path,
+    times: Array,
+    lag: float,
+    shoot: Callable[[int], tuple[Image, Array]],
+    motion: Callable[[float], Array],
+    numbers: Sequence[float],
+) -> None:
+    """Images, lists, truth and calibration, which are `numbers`, as the TUM benchmark has them.
+
+    `shoot` gives the colour (H, W, 3) of each of the `times` (N,) and the depth (H, W) a `lag`
+    later, `motion` world_from_optical (4, 4) at any time.
+    """
     for name in ("rgb", "depth"):
         (folder / name).mkdir(parents=True, exist_ok=True)
 
-    def shoot(k: int) -> None:
-        t, random = stamps[k] - 1000.0, np.random.default_rng((seed, k))
-        moments = t + np.linspace(-0.5, 0.5, _STEPS) * _EXPOSURE
-        views = [camera.render(hand.pose(float(m), seconds)) for m in moments]
-        mean = np.mean([view.colour for view in views], axis=0).astype(np.uint8)
-        colour = disturb_colour(mean, float(gains[k]), settings.camera, random)
-        deep = camera.render(hand.pose(float(t + _LAG), seconds))
-        depth = disturb_depth(deep.depth, deep.slant, settings.camera, random)
-        cv2.imwrite(str(folder / "rgb" / f"{stamps[k]:.6f}.jpg"), colour[..., ::-1])
+    def write(k: int) -> None:
+        colour, depth = shoot(k)
+        cv2.imwrite(str(folder / "rgb" / f"{1000 + times[k]:.6f}.jpg"), colour[..., ::-1])
         units = np.clip(np.rint(depth * _UNITS), 0, 65535).astype(np.uint16)
-        cv2.imwrite(str(folder / "depth" / f"{stamps[k] + _LAG:.6f}.png"), units)
+        cv2.imwrite(str(folder / "depth" / f"{1000 + times[k] + lag:.6f}.png"), units)
 
     with ThreadPoolExecutor(2) as pool:
-        list(pool.map(shoot, range(len(stamps))))
-    _write_lists(hand, folder, stamps, seconds, settings)
-
-
-def _write_lists(
-    hand: Hand, folder: Path, stamps: Array, seconds: float, settings: SimulationSettings
-) -> None:
-    for name, suffix, lag in (("rgb", "jpg", 0.0), ("depth", "png", _LAG)):
-        lines = [f"{s + lag:.6f} {name}/{s + lag:.6f}.{suffix}" for s in stamps]
+        list(pool.map(write, range(len(times))))
+    for name, suffix, late in (("rgb", "jpg", 0.0), ("depth", "png", lag)):
+        lines = [f"{t:.6f} {name}/{t:.6f}.{suffix}" for t in 1000 + times + late]
         (folder / f"{name}.txt").write_text("\n".join(["# timestamp filename", *lines, ""]))
-    truth = ["# timestamp tx ty tz qx qy qz qw"]
-    moments = np.arange(stamps[0], stamps[-1], 0.01).tolist()
-    truth += [truth_line(t, hand.pose(t - 1000.0, seconds)) for t in moments]
-    (folder / "groundtruth.txt").write_text("\n".join([*truth, ""]))
-    k = intrinsics(settings)
-    numbers = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
+    stamps_ns = np.arange(0, round(1e9 * (times[-1] + 0.1)), 10_000_000)
+    truth = Trajectory(1000 * 10**9 + stamps_ns, np.stack([motion(t * 1e-9) for t in stamps_ns]))
+    write_trajectory(folder / "groundtruth.txt", truth)
     (folder / "camera.txt").write_text(" ".join(f"{n:.6f}" for n in numbers) + "\n")
-
-
-def truth_line(t: float, pose: Array) -> str:
-    """A line of TUM's: seconds, place and quaternion."""
-    numbers = [*pose[:3, 3], *rotation_to_quaternion(pose[:3, :3])]
-    return " ".join([f"{t:.6f}", *(f"{n:.6f}" for n in numbers)])
 
 
 def main() -> None:

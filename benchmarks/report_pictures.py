@@ -27,6 +27,11 @@ _PHONE = {"width": 390, "height": 844}
 _MOST_BYTES = 200_000
 
 
+def launched(playwright: Any) -> Any:
+    path = next((found for name in _BROWSERS if (found := shutil.which(name))), None)
+    return playwright.chromium.launch(executable_path=path, args=_FLAGS)
+
+
 def opened(browser: Any, page: Path, *, dark: bool = False, phone: bool = False) -> Any:
     window = browser.new_page(
         viewport=_PHONE if phone else _DESKTOP,
@@ -97,10 +102,9 @@ def main() -> None:
     options = parser.parse_args()
     from playwright.sync_api import sync_playwright
 
-    path = next((found for name in _BROWSERS if (found := shutil.which(name))), None)
     options.output.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=_FLAGS)
+        browser = launched(playwright)
         if not options.pages:
             readme(browser, options.output)
         for page in options.pages:

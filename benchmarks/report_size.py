@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from common import ROOT
+from report_pictures import launched
 
 from formats.database import open_store
 from mapmyworld.types import (
@@ -38,8 +39,6 @@ from mapmyworld.types import (
 )
 
 SAMPLE = ROOT / "sample_logs" / "apartment.mcap"
-_BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
-_FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 _TIMES = """() => {
   const paint = performance.getEntriesByName("first-contentful-paint")[0];
   return [paint ? paint.startTime : NaN, performance.now()];
@@ -115,10 +114,9 @@ def opened(page: Path, times: int) -> tuple[float, float, float]:
     """Seconds to the first paint and to the finished script in a fresh window; CPU seconds."""
     from playwright.sync_api import sync_playwright
 
-    path = next((found for name in _BROWSERS if (found := shutil.which(name))), None)
     rows = []
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=_FLAGS)
+        browser = launched(playwright)
         session = browser.new_browser_cdp_session()
         for _ in range(times):
             before = _processor(session)

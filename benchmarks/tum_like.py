@@ -11,14 +11,12 @@ and 29, room 0.33 and 30, 360 0.2 and 42, office (a round about two desks) 0.25 
 from __future__ import annotations
 
 import argparse
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
-from handheld import truth_line
+from handheld import LEVEL, write_folder
 from kinect import BENT, COLOUR, Faults, Kinect
 from numpy.typing import NDArray
 
@@ -28,8 +26,6 @@ from mapmyworld.simulation.solids import Box, Post, wall
 from mapmyworld.simulation.world import Ground, World, build_scene
 
 Array = NDArray[np.float64]
-_LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # optical, looking along x
-_UNITS = 5000.0  # of depth a metre
 
 
 def _table(x: float, y: float, number: int) -> list[Box | Post]:
@@ -121,7 +117,7 @@ class Path3:
         pitch += self.nod * np.sin(1.7 * w * t) + 0.012 * np.sin(16.0 * t)
         roll = 0.7 * self.nod * np.sin(1.1 * w * t + 0.5) + 0.01 * np.sin(14.0 * t)
         turned = so3_exp([0.0, 0.0, yaw]) @ so3_exp([0.0, pitch, 0.0]) @ so3_exp([roll, 0.0, 0.0])
-        return make_transform(turned @ _LEVEL, place)
+        return make_transform(turned @ LEVEL, place)
 
 
 PATHS = {
@@ -145,33 +141,20 @@ def record(
     seed: int,
     faults: Faults | None = None,
 ) -> None:
-    """Writes the folder: images, lists, truth and calibration."""
+    """Writes the folder."""
     camera = Kinect(build_scene(path.world), faults or Faults())
     random = np.random.default_rng(seed)
     motion = partial(path.pose, length=seconds)
     times = 0.1 + np.arange(round((seconds - 0.2) * rate)) / rate
     gains = _exposures(len(times), random)
-    for name in ("rgb", "depth"):
-        (folder / name).mkdir(parents=True, exist_ok=True)
 
-    def shoot(k: int) -> None:
+    def shoot(k: int) -> tuple[NDArray[np.uint8], Array]:
         own = np.random.default_rng((seed, k))
         colour = camera.colour(motion, float(times[k]), float(gains[k]), own)
-        depth = camera.depth(motion, float(times[k]) + lag, own)
-        cv2.imwrite(str(folder / "rgb" / f"{1000 + times[k]:.6f}.jpg"), colour[..., ::-1],
-                    [cv2.IMWRITE_JPEG_QUALITY, 95])  # fmt: skip
-        units = np.clip(np.rint(depth * _UNITS), 0, 65535).astype(np.uint16)
-        cv2.imwrite(str(folder / "depth" / f"{1000 + times[k] + lag:.6f}.png"), units)
+        return colour, camera.depth(motion, float(times[k]) + lag, own)
 
-    with ThreadPoolExecutor(2) as pool:
-        list(pool.map(shoot, range(len(times))))
-    for name, suffix, late in (("rgb", "jpg", 0.0), ("depth", "png", lag)):
-        lines = [f"{t:.6f} {name}/{t:.6f}.{suffix}" for t in 1000 + times + late]
-        (folder / f"{name}.txt").write_text("\n".join(["# timestamp filename", *lines, ""]))
-    truth = [truth_line(1000.0 + t, motion(t)) for t in np.arange(0.0, seconds, 0.01).tolist()]
-    (folder / "groundtruth.txt").write_text("\n".join(["# stamp, place, turn", *truth, ""]))
     numbers = [COLOUR[0, 0], COLOUR[1, 1], COLOUR[0, 2], COLOUR[1, 2], *BENT]
-    (folder / "camera.txt").write_text(" ".join(str(n) for n in numbers) + "\n")
+    write_folder(folder, times, lag, shoot, motion, numbers)
 
 
 def _exposures(count: int, random: np.random.Generator) -> Array:

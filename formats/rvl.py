@@ -1,4 +1,4 @@
-"""RVL: fast lossless compression of 16-bit depth images.
+"""RVL: 16-bit depth images as RTAB-Map and cameras compress them; we read it alone.
 
 Wilson, "Fast lossless depth image compression" (2017): runs of zeros and of valid pixels, the
 latter as zigzag differences, all numbers in groups of three bits per nibble. Imported where such an
@@ -15,46 +15,8 @@ from numpy.typing import NDArray
 from mapmyworld.kernels.compiling import jit
 
 
-def _encode(pixels: Any, out: Any) -> Any:
-    """Fills `out` (uint32 words); returns the words used. Loops are numba's to compile."""
-    words, word, nibbles = 0, np.uint32(0), 0
-    previous, i, n = np.int64(0), 0, len(pixels)
-    while i < n:
-        start = i
-        while i < n and pixels[i] == 0:
-            i += 1
-        first = i
-        while i < n and pixels[i] != 0:
-            i += 1
-        for k in range(first - 2, i):
-            if k == first - 2:
-                value = np.int64(first - start)
-            elif k == first - 1:
-                value = np.int64(i - first)
-            else:
-                delta = np.int64(pixels[k]) - previous
-                value = (delta << 1) ^ (delta >> 63)
-                previous = np.int64(pixels[k])
-            while True:
-                nibble = value & 7
-                value >>= 3
-                if value:
-                    nibble |= 8
-                word = np.uint32((word << np.uint32(4)) | np.uint32(nibble))
-                nibbles += 1
-                if nibbles == 8:
-                    out[words] = word
-                    words, word, nibbles = words + 1, np.uint32(0), 0
-                if not value:
-                    break
-    if nibbles:
-        out[words] = np.uint32(word << np.uint32(4 * (8 - nibbles)))
-        words += 1
-    return words
-
-
 def _decode(words: Any, pixels: Any) -> bool:
-    """Fills `pixels`; returns whether the words held exactly so many."""
+    """Fills `pixels`; whether the words held exactly so many. The loops are numba's to compile."""
     at, i, n, total = 0, np.int64(0), len(pixels), 8 * len(words)
     # `pending`: valid pixels of the last run; 1 at first, as an image may begin with one.
     previous, pending, left = np.int64(0), np.int64(1), np.int64(0)
@@ -89,17 +51,8 @@ def _decode(words: Any, pixels: Any) -> bool:
     return True
 
 
-# Called, not decorated, so that the type checker sees them.
-_encode_words = jit(_encode)
+# Called, not decorated, so that the type checker sees it.
 _decode_words = jit(_decode)
-
-
-def rvl_encode(depth: NDArray[np.uint16]) -> bytes:
-    """The words of a depth image (H, W); its size must be kept beside them."""
-    pixels = np.ascontiguousarray(depth, np.uint16).ravel()
-    # At worst a pixel takes six nibbles, and two counts come with every other pixel.
-    out = np.empty(len(pixels) * 5 // 4 + 16, np.uint32)
-    return out[: _encode_words(pixels, out)].astype("<u4", copy=False).tobytes()
 
 
 def rvl_decode(words: bytes, height: int, width: int) -> NDArray[np.uint16]:

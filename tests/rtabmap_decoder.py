@@ -52,6 +52,38 @@ def depth_metres(blob: bytes) -> np.ndarray:
     return np.frombuffer(pixels.tobytes(), "<f4").reshape(pixels.shape[:2])
 
 
+def rvl_words(depth: np.ndarray) -> bytes:
+    """Wilson's coder, nibble by nibble, after the paper."""
+    nibbles: list[int] = []
+
+    def put(value: int) -> None:
+        while True:
+            value, low = value >> 3, value & 7
+            nibbles.append(low | (8 if value else 0))
+            if not value:
+                return
+
+    flat, previous, at = depth.reshape(-1).astype(int), 0, 0
+    while at < len(flat):
+        start = at
+        while at < len(flat) and flat[at] == 0:
+            at += 1
+        put(at - start)
+        start = at
+        while at < len(flat) and flat[at] != 0:
+            at += 1
+        put(at - start)
+        for value in flat[start:at]:
+            delta = value - previous
+            put((delta << 1) ^ (delta >> 31))
+            previous = value
+    nibbles += [0] * (-len(nibbles) % 8)
+    words = [
+        int("".join(f"{n:x}" for n in nibbles[i : i + 8]), 16) for i in range(0, len(nibbles), 8)
+    ]
+    return struct.pack(f"<{len(words)}I", *words)
+
+
 def rvl(words: bytes, count: int) -> list[int]:
     """4.4.1, a nibble at a time."""
     nibbles = iter(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
 from foreign_database import add_nodes, insert, mono, rtabmap_file, stereo
 from numpy.typing import NDArray
+from rtabmap_decoder import rvl_words
 
 from formats.database import open_store
 from formats.database.image_blobs import decode_picture, encode_depth, encode_picture
@@ -52,6 +54,11 @@ def test_a_stereo_pair_gives_depth(tmp_path: Path, colour: bool) -> None:
     assert "/camera/depth/image" in raw
 
 
+def rvl_file(metres: NDArray[np.float32]) -> bytes:
+    size = struct.pack("<2I", metres.shape[1], metres.shape[0])
+    return b"DEPTHRVL" + size + rvl_words((1000 * metres).astype(np.uint16))
+
+
 @pytest.mark.parametrize("codec", ["rvl", "png", "float"])
 def test_two_cameras_side_by_side_with_smaller_depth(tmp_path: Path, codec: str) -> None:
     colour = np.zeros((48, 128, 3), np.uint8)
@@ -65,7 +72,7 @@ def test_two_cameras_side_by_side_with_smaller_depth(tmp_path: Path, codec: str)
             "Data",
             id=1,
             image=encode_picture(colour, "png", 0),
-            depth=encode_depth(depth, codec),
+            depth=rvl_file(depth) if codec == "rvl" else encode_depth(depth, codec),
             calibration=mono() + mono(fx=70.0),
         )
     with open_store(tmp_path / "r.db") as store:

@@ -42,7 +42,7 @@ SWAP = [3, 4, 5, 0, 1, 2]
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Iterator[decode.Decoder]:
     path = tmp_path_factory.mktemp("map") / "map.db"
-    with open_store(path, create=True, depth_codec="rvl") as store:
+    with open_store(path, create=True) as store:
         fill(store)
     decoder = decode.Decoder(path)
     yield decoder
@@ -141,7 +141,7 @@ def test_images_depth_and_calibration_are_kept(written: decode.Decoder) -> None:
         assert row["image"].startswith(b"\xff\xd8\xff")
         colour = decode.picture(row["image"]).astype(float)
         assert np.abs(colour - original.colour.pixels()).mean() < 3.0
-        assert row["depth"].startswith(b"DEPTHRVL")
+        assert row["depth"].startswith(b"\x89PNG")
         np.testing.assert_allclose(
             decode.depth_metres(row["depth"]), original.depth.pixels(), atol=1e-6
         )
@@ -290,7 +290,7 @@ def one_node(tmp_path: Path, data: NodeData, **options: Any) -> dict[str, Any]:
     return row
 
 
-@pytest.mark.parametrize("codec", ["rvl", "png", "float"])
+@pytest.mark.parametrize("codec", ["png", "float"])
 def test_depth_codecs(tmp_path: Path, codec: str) -> None:
     pixels = np.random.default_rng(2).uniform(0, 70, (48, 64)).astype(np.float32)
     pixels[::7] = 0

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_builders import allowed, changes, damaged
 from numpy.typing import NDArray
+from rtabmap_decoder import rvl_words
 
 from formats.logs.image_pixels import compressed_image, decode_rvl
 from formats.logs.ros_decoders import image
@@ -193,37 +194,7 @@ def test_compressed_depth_of_floats_is_inverse_depth() -> None:
 
 
 def encode_rvl(depth: NDArray[np.uint16]) -> bytes:
-    """Wilson's coder, nibble by nibble, after the paper: the relaxation of the compiled one."""
-    nibbles: list[int] = []
-
-    def put(value: int) -> None:
-        while True:
-            value, low = value >> 3, value & 7
-            nibbles.append(low | (8 if value else 0))
-            if not value:
-                return
-
-    flat, previous, at = depth.reshape(-1).astype(int), 0, 0
-    while at < len(flat):
-        start = at
-        while at < len(flat) and flat[at] == 0:
-            at += 1
-        put(at - start)
-        start = at
-        while at < len(flat) and flat[at] != 0:
-            at += 1
-        put(at - start)
-        for value in flat[start:at]:
-            delta = value - previous
-            put((delta << 1) ^ (delta >> 31))
-            previous = value
-    nibbles += [0] * (-len(nibbles) % 8)
-    words = [
-        int("".join(f"{n:x}" for n in nibbles[i : i + 8]), 16) for i in range(0, len(nibbles), 8)
-    ]
-    return struct.pack("<II", depth.shape[1], depth.shape[0]) + struct.pack(
-        f"<{len(words)}I", *words
-    )
+    return struct.pack("<II", depth.shape[1], depth.shape[0]) + rvl_words(depth)
 
 
 @settings(max_examples=60)

@@ -21,9 +21,8 @@ print({"cv2", "scipy.stats"} & set(sys.modules))
 """
 KERNEL = """
 import numpy as np
-from formats.rvl import rvl_decode, rvl_encode
-depth = np.arange(24, dtype=np.uint16).reshape(4, 6) % 5
-assert np.array_equal(rvl_decode(rvl_encode(depth), 4, 6), depth)
+from formats.rvl import rvl_decode
+assert not rvl_decode(bytes.fromhex("00000083"), 4, 6).any()  # 24 zeros
 print("done")
 """
 

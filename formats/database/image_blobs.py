@@ -1,4 +1,4 @@
-"""Images as blobs: JPEG or PNG for colour, PNG or RVL for depth; sizes checked before decoding.
+"""Images as blobs: JPEG or PNG for colour, PNG for depth, or RVL; sizes checked before decoding.
 
 A node may keep the right image of a stereo pair in place of depth.
 """
@@ -19,6 +19,7 @@ JPEG_MAGIC = b"\xff\xd8\xff"
 _RVL_MAGIC = b"DEPTHRVL"
 _MAX_MILLIMETRES = 65535
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
+_DEPTH_PNG = (*_FAST_PNG, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
 
 
 def image_size(data: bytes, what: str) -> tuple[int, int]:
@@ -55,7 +56,7 @@ def encode_picture(pixels: NDArray[np.generic], codec: str, quality: int) -> byt
 
 
 def encode_depth(metres: NDArray[np.generic], codec: str) -> bytes:
-    """Depth (H, W) in metres, 0 or NaN = none, as "rvl" or "png" (mm), or "float" (PNG)."""
+    """A PNG of depth (H, W) in metres, 0 or NaN = none: whole millimetres, or "float"."""
     depth = np.ascontiguousarray(metres, np.float32)
     if codec == "float":
         # RTAB-Map keeps a float's four bytes as the B, G, R, A of a pixel.
@@ -63,13 +64,7 @@ def encode_depth(metres: NDArray[np.generic], codec: str) -> bytes:
     millimetres = np.rint(depth * np.float32(1000.0))
     # What 16 bits cannot hold is no depth at all, and neither is what is no number.
     millimetres[~((millimetres >= 0) & (millimetres <= _MAX_MILLIMETRES))] = 0
-    pixels = millimetres.astype(np.uint16)
-    if codec == "png":
-        return encoded_file(".png", pixels, *_FAST_PNG)
-    from formats.rvl import rvl_encode
-
-    height, width = pixels.shape
-    return _RVL_MAGIC + struct.pack("<2I", width, height) + rvl_encode(pixels)
+    return encoded_file(".png", millimetres.astype(np.uint16), *_DEPTH_PNG)
 
 
 def decode_depth(data: bytes, what: str) -> NDArray[np.float32]:

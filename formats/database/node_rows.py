@@ -35,7 +35,7 @@ class StorageOptions:
 
     image_codec: str = "jpeg"
     image_quality: int = 95
-    depth_codec: str = "rvl"
+    depth_codec: str = "png"
     store_images: bool = True
 
 

@@ -141,7 +141,7 @@ class StorageConfig:
     store_images: bool = True  # keep colour and depth images of the nodes
     image_codec: str = "jpeg"  # "jpeg" or "png"; recorded JPEG files are kept as they are
     image_quality: Quality = 95  # JPEG quality, 1 to 100
-    depth_codec: str = "rvl"  # "rvl" or "png" (whole mm; recorded PNG is kept), or "float" (exact)
+    depth_codec: str = "png"  # "png" (whole mm; recorded PNG is kept), or "float" (exact)
 
 
 @dataclass(frozen=True, slots=True)

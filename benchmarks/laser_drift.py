@@ -9,6 +9,7 @@ sought as in a build, by rounds of search and optimisation, and judged by the ma
 from __future__ import annotations
 
 import argparse
+import functools
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,8 @@ from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph.solved_graph import solve
 from mapmyworld.places.laser_closures import find_laser_closures
 from mapmyworld.places.laser_nodes import load_node_scans
-from mapmyworld.stages.recognise import closures_by_laser
+from mapmyworld.places.laser_sections import closures_by_section
+from mapmyworld.stages.recognise import solve_draft_of
 from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, Poses
 
 Array = NDArray[np.float64]
@@ -82,7 +84,8 @@ def run(store: MapStore, bend: float, stretch: float, rounds: int) -> None:
     ids = np.array([node.id for node in listed])
     start = np.stack([node.tracked_from_base for node in listed])
     loaded = loaded._replace(nodes=listed)
-    known.found += closures_by_laser(known, config, Silent(), loaded)
+    draft = functools.partial(solve_draft_of, known, config)
+    known.found += closures_by_section(loaded, known.constraints(), draft, config, Silent())
     for turn in range(rounds):
         solved = solve(ids, start, known.found, True, replace(config.graph, covariances=False))
         report(turn, solved.constraints, solved.poses, truth)

@@ -75,7 +75,7 @@ class RtabmapStore(Opened):
 
     write_stage = extend_stage = put = add_node = add_scan = set_tracked_frames = _refuse
     add_constraints = judge = set_features = set_words = set_poses = set_frame_poses = _refuse
-    set_grid = set_parameters = _refuse
+    set_grid = _refuse
 
     # What only our own builds keep
 

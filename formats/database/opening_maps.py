@@ -18,7 +18,7 @@ from formats.database.connection import (
 )
 from formats.database.foreign import RtabmapStore
 from formats.database.node_rows import StorageOptions
-from formats.database.results import parameters_to_text
+from formats.database.results import parameters_to_text, write_parameters
 from formats.database.store import DatabaseStore
 from mapmyworld.errors import MapError
 
@@ -68,7 +68,9 @@ def open_store(
     connection = Connection(path, writable=not read_only) if exists else _created(path)
     store = DatabaseStore(connection, settings)
     if parameters and connection.writable:
-        store.set_parameters(parameters)
+        connection.begin()
+        write_parameters(connection, parameters)
+        connection.commit()
     return store
 
 

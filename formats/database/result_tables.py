@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
 from formats.bounds import FARTHEST
-from formats.database import results
 from formats.database.blobs import matrix_to_blob, pose_to_blob
 from formats.database.transactions import Transactions
 from mapmyworld.errors import MapError
@@ -88,9 +85,3 @@ class ResultTables(Transactions):
             raise MapError(f"{self.path}: grid figures: a damaged array (of no grid)")
         resolution, x, y = (float(value) for value in figures[:3])  # all grids have our thresholds
         return OccupancyGrid(log_odds, resolution, np.array([x, y]))
-
-    def set_parameters(self, parameters: Mapping[str, str]) -> None:
-        """Adds to how the map was made, in RTAB-Map's parameter names."""
-        self._begin()
-        results.write_parameters(self._db, parameters)
-        self._commit()

@@ -56,28 +56,6 @@ _OPEN = Why.AMBIGUOUS_POSE, Why.AMBIGUOUS_PLACE, Why.DEGENERATE
 _AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two maps may differ by
 
 
-def first_closures(
-    loaded: NodeScans,
-    poses: Poses | None,
-    known: Sequence[Judged],
-    span: tuple[int, int],
-    config: Config,
-    progress: Progress,
-) -> list[Judged]:
-    """Pairs of places compared from poses that have drifted, the later one in this span of nodes.
-
-    The search reaches as far as the drift may have gone, up to 15 m: since the earlier visit, or
-    since the robot was last where one of the `known` closures holds the solved `poses`. Without
-    these, tracked poses are taken.
-    """
-    nodes = nodes_at(loaded, poses, span[1])
-    if poses is not None:
-        nodes = held_by(nodes, known)
-    pairs = candidate_pairs(nodes, config, optimised=False, first=span[0])
-    progress.stage("loop closures by laser", len(pairs), "pairs")
-    return compare_places(nodes, pairs, config)
-
-
 def find_laser_closures(
     store: MapStore,
     poses: Poses,

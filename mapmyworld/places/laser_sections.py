@@ -9,8 +9,9 @@ import numpy as np
 
 from mapmyworld.config import Config
 from mapmyworld.graph.solved_graph import SolvedGraph
-from mapmyworld.places.laser_closures import first_closures
-from mapmyworld.places.laser_nodes import NodeScans, nodes_at
+from mapmyworld.places.laser_candidates import candidate_pairs
+from mapmyworld.places.laser_closures import compare_places
+from mapmyworld.places.laser_nodes import NodeScans, held_by, nodes_at
 from mapmyworld.types import Judged, Poses, Progress
 
 _SECTION = 200.0  # m of path, about, that are searched before what was found is solved
@@ -25,8 +26,10 @@ def closures_by_section(
 ) -> list[Judged]:  # fmt: skip
     """Pairs of places compared, each with its verdict; the `stored` constraints are known before.
 
-    Each section from poses that the closures before it hold: so the search reaches no farther after
-    hours than at first. Until there are any, from the `start`, or tracked poses without.
+    The search reaches as far as the drift may have gone, up to 15 m: since the earlier visit, or
+    since a closure held the robot. Each section is searched from poses that the closures before it
+    hold, so that this is no farther after hours than at first; until there are any, from the
+    `start`, or from tracked poses without.
     """
     if len(loaded.nodes) < 2:
         return []
@@ -34,12 +37,12 @@ def closures_by_section(
     count = max(1, round(float(path[-1]) / _SECTION))
     edges = np.searchsorted(path, np.linspace(0.0, path[-1], count + 1)[1:-1])
     found: list[Judged] = []
-    for span in pairwise([0, *edges.tolist(), len(path)]):
-        poses = start
-        known: Sequence[Judged] = ()
-        so_far, last = [*stored, *found], loaded.nodes[span[1] - 1].id
+    for first, end in pairwise([0, *edges.tolist(), len(path)]):
+        nodes, so_far = nodes_at(loaded, start, end), [*stored, *found]
         if any(c.accepted for c in found) or any(c.is_relocalised for c in so_far):
-            draft = solve(so_far, last)
-            poses, known = draft.poses, draft.constraints
-        found += first_closures(loaded, poses, known, span, config, progress)
+            draft = solve(so_far, loaded.nodes[end - 1].id)
+            nodes = held_by(nodes_at(loaded, draft.poses, end), draft.constraints)
+        pairs = candidate_pairs(nodes, config, optimised=False, first=first)
+        progress.stage("loop closures by laser", len(pairs), "pairs")
+        found += compare_places(nodes, pairs, config)
     return found

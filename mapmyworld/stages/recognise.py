@@ -53,9 +53,11 @@ def recognise(
     loaded, found = scans(), []
     if loaded is not None:
         from mapmyworld.places.laser_nodes import held_by, joined_sessions, nodes_at
+        from mapmyworld.places.laser_sections import closures_by_section
         from mapmyworld.places.session_closures import Pair, session_closures
 
-        found += closures_by_laser(store, config, progress, loaded)
+        solve = functools.partial(solve_draft_of, store, config)
+        found += closures_by_section(loaded, store.constraints(), solve, config, progress)
         # Those that join what a loss of tracking divides, two sessions after the other: each lies
         # as its closures hold it, and those that are joined are one.
         stored, apart = store.constraints(), set[Pair]()
@@ -84,16 +86,6 @@ def solve_draft_of(
     from mapmyworld.sensing.plan import moves_in_plane
 
     return solve_draft(store.nodes(), constraints, moves_in_plane(store), config.graph, until)
-
-
-def closures_by_laser(
-    store: MapStore, config: Config, progress: Progress, loaded: NodeScans
-) -> list[Judged]:
-    """Those of all nodes, section by section."""
-    from mapmyworld.places.laser_sections import closures_by_section
-
-    solve = functools.partial(solve_draft_of, store, config)
-    return closures_by_section(loaded, store.constraints(), solve, config, progress)
 
 
 def _check_wheels(store: MapStore, progress: Progress, *, alone: bool) -> None:

@@ -58,7 +58,7 @@ def _calibrated_apart(colour: Images, depth: Images, infos: list[Calibration]) -
     """
     (f, c), (depth_f, depth_c) = (_lens_of(images, infos) for images in (colour, depth))
     borders = np.array([[0.0], [1.0]])
-    with np.errstate(invalid="ignore", over="ignore"):  # of numbers that no lens has
+    with np.errstate(all="ignore"):  # of numbers that no lens has
         apart = np.abs((borders - depth_c) / depth_f * f + c - borders).max()
     return float(apart) if np.isfinite(apart) else 0.0
 
@@ -67,7 +67,7 @@ def _lens_of(images: Images, infos: list[Calibration]) -> NDArray[np.float64]:
     """Focal lengths and centre (2, 2) as shares of the image, NaN where its frame has none."""
     for _, info in infos:
         k = info.intrinsics
-        if frame_name(info.frame_id) == frame_name(images.sample.frame_id) and k[0, 0] * k[1, 1]:
+        if frame_name(info.frame_id) == frame_name(images.sample.frame_id) and k.diagonal().all():
             size = np.array([info.width or images.width, info.height or images.height])
             return np.asarray(np.stack([np.diag(k)[:2], k[:2, 2]]) / size)
     return np.full((2, 2), np.nan)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -155,7 +154,7 @@ def source_of(
     if fault:
         draft.losses.append(f"the camera is not used: {info_stream.topic} holds {fault}")
         return None
-    median = _median_depth(depth.stream)
+    median = _median_depth(depth)
     if median > _FARTHEST_DEPTH:
         draft.losses.append(
             f"{depth.topic} measures {median:.0f} m in the median, farther than depth cameras see: "
@@ -184,16 +183,14 @@ def source_of(
     return CameraSource(colour.topic, depth.topic, model, colour.grey_bits)
 
 
-def _median_depth(stream: Stream) -> float:
-    """Of the pixels that measure any, in the messages that were decoded; 0 without one, m."""
-    found = [np.zeros(0)]
-    for sample in stream.samples:
-        if isinstance(sample, ImageMessage):
-            with suppress(LogError):
-                found.append(np.ravel(sample.pixels()).astype(np.float64))
-    depths = np.concatenate(found)
-    depths = depths[depths > 0.0]
-    return float(np.median(depths)) if len(depths) else 0.0
+def _median_depth(depth: Images) -> float:
+    """Of the pixels of the first image that measure any; 0 without one, m."""
+    try:
+        metres = depth.sample.pixels()
+    except LogError:
+        return 0.0
+    metres = metres[metres > 0.0]
+    return float(np.median(metres)) if metres.size else 0.0
 
 
 def _fault_of(info: CameraInfoMessage, colour: Images) -> str:

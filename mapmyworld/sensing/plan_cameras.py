@@ -186,7 +186,7 @@ def source_of(
 def _median_depth(depth: Images) -> float:
     """Of the pixels of the first image that measure any; 0 without one, m."""
     try:
-        metres = depth.sample.pixels()
+        metres = np.asarray(depth.sample.pixels(), np.float64)
     except LogError:
         return 0.0
     metres = metres[metres > 0.0]

@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 MAPPED = tour([(-2, -1.5), (0, -1.5), (0, 0.6), (2, 0.6), (4.8, -1.5), (4.8, 3), (2, 3), (2, 0.6),
                (-2, 0.6), (-2, 2), (-2, -1.5)])  # fmt: skip
 DRIVEN = tour([(2, 3), (4.6, 2.8), (4.6, -1.2), (2, 0.5), (-1, 0.6), (-1.5, -1.5)])
+HALL_SIZE = 12.0, 7.0
+HALL = np.array([[0, 0, 12, 0], [12, 0, 12, 7], [12, 7, 0, 7], [0, 7, 0, 0]], np.float64)
 
 
 @pytest.fixture(scope="module")
@@ -231,6 +233,26 @@ def test_a_place_that_fits_in_two_poses_lies_in_neither_for_certain() -> None:
     square = known_place_from_grid(grid_of(around[::3], SQUARE), Config()).whole
     seen = one_scan(around[10], SQUARE, 0)
     assert square.is_elsewhere(seen, around[10]) is None
+
+
+@pytest.mark.parametrize("resolution", [0.02, 0.07, 0.1, 0.15, 0.2])
+def test_nor_does_it_on_a_grid_of_any_resolution(resolution: float) -> None:
+    """In a bare hall turned by half a turn, however its walls lie in the cells of the search."""
+    hall = known_place_from_grid(hall_of(resolution), Config()).whole
+    for k, pose in enumerate(np.array([[2.0, 1.5, 0.0], [7.3, 1.1, 2.0], [5.2, 4.7, -1.8]])):
+        seen = one_scan(pose, HALL, k)
+        found = hall.find(seen)
+        assert found is not None
+        assert hall.is_elsewhere(seen, found) is None
+
+
+def hall_of(resolution: float) -> OccupancyGrid:
+    """The hall as a mapper leaves it: free, with the cells that its walls cross."""
+    width, height = (int(size / resolution) for size in HALL_SIZE)
+    cells = np.full((height + 3, width + 3), 3.0, np.float32)
+    cells[2:-2, 2:-2] = -3.0
+    cells[[0, -1]] = cells[:, [0, -1]] = np.nan
+    return OccupancyGrid(cells, resolution, np.full(2, -resolution - 0.5 * resolution))
 
 
 def one_scan(pose: NDArray[np.float64], walls: NDArray[np.float64], seed: int) -> Place:

@@ -9,7 +9,7 @@ import numpy as np
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import invert_planar, transform_points_planar
 from mapmyworld.kernels.branch_and_bound import RESOLUTION
-from mapmyworld.registration.likelihood_grid import LikelihoodGrid
+from mapmyworld.registration.likelihood_grid import BESIDE, LikelihoodGrid
 from mapmyworld.registration.place_evidence import FORTH, Agreement, Place, chance, needed_evidence
 from mapmyworld.registration.scan_search import (
     MARGIN,
@@ -93,7 +93,7 @@ class WholeMap:
         None where both are about as likely.
         """
         here = self.judge(place, pose)
-        other = self.find_other(place, pose, float(here.forth.sum()) - MARGIN)
+        other = self.find_other(place, pose, BESIDE * (float(here.forth.sum()) - MARGIN))
         if other is None:
             return False
         there = self.judge(place, other)

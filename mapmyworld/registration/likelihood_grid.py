@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from mapmyworld.geometry import Array
 from mapmyworld.kernels.branch_and_bound import FULL, LEVELS, RESOLUTION, SIDE, SQUARE, UNSEEN
 
-_BESIDE = FULL // 2 + UNSEEN // 2  # of a cell beside a surface: it speaks half as much for a pose
+BESIDE = 0.5
+"""What a point in a cell beside a surface adds to a search, of a hit's whole.
+
+A place that lies off by half a cell has many such points.
+"""
+_BESIDE = UNSEEN + int(BESIDE * (FULL - UNSEEN))
 
 
 @dataclass(frozen=True, eq=False)

@@ -108,10 +108,14 @@ def evidence_grid(submap: Submap) -> LikelihoodGrid:
 
 
 def occupancy_evidence(grid: OccupancyGrid) -> tuple[Array, LikelihoodGrid]:
-    """Surface points (N, 2) of an occupancy grid, and the grid of its evidence."""
-    cells = grid.trinary()
+    """Surface points (N, 2) of an occupancy grid, and the grid of its evidence.
+
+    A cell that is wider than those of evidence fills all that it covers.
+    """
+    parts = max(int(np.ceil(grid.resolution / RESOLUTION - 1e-6)), 1)
+    cells = grid.trinary().repeat(parts, axis=0).repeat(parts, axis=1)
     rows, columns = np.nonzero(cells >= 0)
-    middles = (np.stack([columns, rows], axis=1) + 0.5) * grid.resolution
+    middles = (np.stack([columns, rows], axis=1) + 0.5) * (grid.resolution / parts)
     at = np.floor(middles / RESOLUTION).astype(np.int64) + SQUARE + 2
     width, height = at.max(axis=0, initial=SQUARE) + 3 + SQUARE
     known = np.full((height, width), UNSEEN, np.uint8)

@@ -140,11 +140,16 @@ def _probabilities(
 
 def _read_keys(path: Path) -> dict[str, str]:
     text = os.fsdecode(read_whole(path))  # names of files, in whatever locale
-    keys = {}
+    keys: dict[str, str] = {}
+    key = ""
     for line in text.splitlines():
-        name, colon, value = line.partition("#")[0].partition(":")
+        words = line.partition("#")[0].strip()
+        name, colon, value = words.partition(":")
         if colon:
-            keys[name.strip()] = value.strip().strip("'\"")
+            key = name.strip()
+            keys[key] = value.strip().strip("'\"")
+        elif key and words.startswith("- "):  # a list, one value a line
+            keys[key] += ("," if keys[key] else "") + words[2:].strip()
     needed = ("image", "resolution", "origin", "occupied_thresh", "free_thresh", "negate")
     absent = [name for name in needed if name not in keys]
     if absent:

@@ -91,6 +91,15 @@ def test_foreign_yaml_with_defaults_comments_and_negation(tmp_path: Path) -> Non
     assert read_grid(tmp_path / "floor.yaml").trinary().tolist() == [[100, 0, -1]]
 
 
+def test_a_list_may_have_a_line_for_each_value(tmp_path: Path) -> None:
+    """As PyYAML writes it, and so every script that changes a map."""
+    _, description = write_grid(tmp_path / "map", sample())
+    listed = "origin:\n- -1.25  # x\n  - 3.5\n- 0.0\n"
+    text = description.read_text().replace("origin: [-1.25, 3.5, 0.0]\n", listed)
+    description.write_text("---\n" + text)
+    assert read_grid(description).origin.tolist() == [-1.25, 3.5]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from mapmyworld.geometry import Array
 from mapmyworld.kernels.branch_and_bound import FULL, LEVELS, RESOLUTION, SIDE, SQUARE, UNSEEN
 
+PART = 4
+"""Squares on each side of a part of a whole map, which is looked at if any of it is known."""
 BESIDE = 0.5
 """What a point in a cell beside a surface adds to a search, of a hit's whole.
 
@@ -72,6 +74,14 @@ class LikelihoodGrid:
         strips = sliding_window_view(known, 2 * SIDE - 1, axis=1)[..., ::2]
         rows, count, _ = strips.shape
         return np.ascontiguousarray(strips.reshape(rows // 2, 2, count, SIDE).transpose(2, 1, 0, 3))
+
+    @cached_property
+    def parts(self) -> NDArray[np.int64]:
+        """(S, 2) lower left cells of the parts of which anything is known, from `corner`."""
+        width = PART * SQUARE
+        rows, columns = np.nonzero(self.cells != UNSEEN)
+        known = np.stack([columns, rows], axis=1) - SQUARE
+        return np.unique(known // width, axis=0) * width
 
     @property
     def bounds(self) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, transform_points_planar
 from mapmyworld.kernels.branch_and_bound import RESOLUTION, SIDE, SQUARE, UNSEEN, best_shift
 from mapmyworld.kernels.rays import clear_passed
-from mapmyworld.registration.likelihood_grid import LikelihoodGrid
+from mapmyworld.registration.likelihood_grid import PART, LikelihoodGrid
 from mapmyworld.registration.scan_matching import ScanSet
 from mapmyworld.types import OccupancyGrid
 
@@ -21,7 +21,6 @@ Window = tuple[
     NDArray[np.uint8], NDArray[np.int8], Array, Array, Array, NDArray[np.int64], int, int, Array
 ]
 """What `best_shift` is given of grid, points and window."""
-_PART = 4  # squares on each side of a part of a whole map that is looked at, if any of it is known
 _WALL = 5.0 * RESOLUTION  # m around a point that show which way its wall goes
 _BEFORE = np.stack(np.meshgrid(*2 * [np.arange(-3.0, 4.0)]), axis=-1).reshape(-1, 2)
 """Cells around a surface that reach past those beside it, (K, 2)."""
@@ -238,13 +237,9 @@ def search_elsewhere(
 def _everywhere(points: Array, grid: LikelihoodGrid) -> Window:
     step = 2.0 * _step(points)
     angles = np.arange(-np.pi, np.pi, step)
-    width = _PART * SQUARE
-    rows, columns = np.nonzero(grid.cells != UNSEEN)
-    known = np.stack([columns, rows], axis=1) - SQUARE
-    parts = np.unique(known // width, axis=0) * width
     guess = np.append(grid.corner + 0.5 * RESOLUTION, 0.0)
     reach = max(grid.pyramid.shape)
-    return grid.pyramid, grid.strips, points, grid.corner, guess, parts, _PART, reach, angles
+    return grid.pyramid, grid.strips, points, grid.corner, guess, grid.parts, PART, reach, angles
 
 
 def _best_of(window: Window, avoid: Array, least: float) -> Array | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from cli.arguments import PATH, map_argument
+from cli.arguments import PATH, map_and
 from cli.config import config_options
 from cli.progress import StderrProgress
 from cli.standard_streams import end_partial
@@ -25,16 +25,10 @@ _FIGHTING = 5  # strained constraints that are named
 
 
 @click.command()
-@map_argument
-@click.argument("edits_path", metavar="EDITS.toml", type=PATH)
+@click.argument("arguments", metavar="[MAP] EDITS.toml", nargs=-1, required=True, type=PATH)
 @config_options
 @click.option("--no-export", is_flag=True, help="Change MAP only, not the products beside it.")
-def edit(
-    map_path: Path,
-    edits_path: Path,
-    config: Config,
-    no_export: bool,
-) -> None:
+def edit(arguments: tuple[Path, ...], config: Config, no_export: bool) -> None:
     """Accept, reject or add constraints of MAP, pin nodes, add priors; then optimise again.
 
     EDITS.toml replaces the edits that MAP has; an empty file undoes them. The next `build` of the
@@ -78,7 +72,8 @@ def edit(
     from mapmyworld.sensing.plan import moves_in_plane
     from mapmyworld.stages.replay_edits import edit_map
 
-    edits = read_edits(edits_path)
+    map_path, edits_path = map_and(arguments, "EDITS.toml")
+    edits = read_edits(Path(edits_path))
     progress = StderrProgress()
     with only_writer(map_path), open_store(map_path) as store:
         poses = store.poses()

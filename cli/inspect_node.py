@@ -9,7 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
-from cli.arguments import PATH, default_map, format_option
+from cli.arguments import PATH, format_option, map_and
 from cli.manners import note
 from cli.outputs import require_outputs
 from cli.standard_streams import show_result
@@ -36,7 +36,11 @@ def node(arguments: tuple[str, ...], image_path: Path | None) -> None:
     mapmyworld inspect node 17
     mapmyworld inspect node office.db 17 --image node17.png
     """
-    map_path, node_id = _split(arguments)
+    map_path, number = map_and(arguments, "a node's number")
+    try:
+        node_id = int(str(number))
+    except ValueError:
+        raise click.UsageError("give [MAP] and a node's number") from None
     require_outputs([image_path], [map_path])
     with open_store(map_path, read_only=True) as store:
         found = {n.id: n for n in store.nodes()}.get(node_id)
@@ -47,13 +51,6 @@ def node(arguments: tuple[str, ...], image_path: Path | None) -> None:
         if image_path is not None:
             _draw(data, image_path)
     show_result(facts, _lines(facts))
-
-
-def _split(arguments: tuple[str, ...]) -> tuple[Path, int]:
-    if len(arguments) > 2 or not arguments[-1].lstrip("-").isdigit():
-        raise click.UsageError("give [MAP] and a node's number")
-    map_path = Path(arguments[0]) if len(arguments) == 2 else default_map()
-    return map_path, int(arguments[-1])
 
 
 def _facts(store: MapStore, node: Node, data: NodeData) -> dict[str, Any]:

@@ -30,6 +30,7 @@ def run(*arguments: object) -> Result:
 def test_an_edit_is_accounted_for_constraint_by_constraint(
     apartment: Path,  # noqa: F811
     tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     path, edits = tmp_path / "map.db", tmp_path / "edits.toml"
     for kept in (path, path.with_suffix(".html")):
@@ -56,7 +57,8 @@ def test_an_edit_is_accounted_for_constraint_by_constraint(
     assert apart.startswith("the map contradicts itself: ")
     assert html.escape(told) in path.with_suffix(".html").read_text()
     edits.write_text("")
-    undone = run("edit", path, edits, "-q")
+    monkeypatch.chdir(tmp_path)
+    undone = run("edit", "edits.toml", "-q")  # of map.db
     assert undone.exit_code == 0
     assert "  no longer found: user 3 -> 150" in undone.stdout
     assert undone.stdout.count("  accepted: loop_closure ") == lost

@@ -51,11 +51,11 @@ def map_argument(command: F) -> F:
     )(command)
 
 
-def map_and(arguments: tuple[Path | str, ...], last: str) -> tuple[Path, Path | str]:
+def map_and(arguments: tuple[Path | str, ...], last: str) -> tuple[Path, str]:
     """MAP, or the default one, and what came after it, which is called `last` in a message."""
     if len(arguments) > 2:
         raise click.UsageError(f"give [MAP] and {last}")
-    return Path(arguments[0]) if len(arguments) == 2 else default_map(), arguments[-1]
+    return Path(arguments[0]) if len(arguments) == 2 else default_map(), str(arguments[-1])
 
 
 def format_option(command: F) -> F:

@@ -38,7 +38,7 @@ def node(arguments: tuple[str, ...], image_path: Path | None) -> None:
     """
     map_path, number = map_and(arguments, "a node's number")
     try:
-        node_id = int(str(number))
+        node_id = int(number)
     except ValueError:
         raise click.UsageError("give [MAP] and a node's number") from None
     require_outputs([image_path], [map_path])

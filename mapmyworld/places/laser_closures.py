@@ -23,6 +23,8 @@ from mapmyworld.places.laser_candidates import (
     MOST,
     Pairs,
     candidate_pairs,
+    drift_prior,
+    drift_sigmas,
     drift_window,
     lost_pairs,
     pairs_about,
@@ -31,11 +33,12 @@ from mapmyworld.places.laser_candidates import (
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, held_by, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, place_around, submap_members
 from mapmyworld.places.perceptual_aliasing import reject_aliases
-from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
+from mapmyworld.registration.place_evidence import FORTH, Hypothesis, Place, needed_evidence
 from mapmyworld.registration.scan_matching import Match
 from mapmyworld.registration.scan_search import (
     APART,
     Found,
+    are_one,
     search_evidence,
 )
 from mapmyworld.types import (
@@ -165,21 +168,15 @@ def _compare(
     if found is None:
         verdict = Verdict(Judge.LASER, False, Why.NOTHING_IN_COMMON)
         return _constraint(nodes, a, b, guess, np.eye(3), ScanMatch(), verdict)
-    match = match_submaps(nodes, a, b, found.pose, config, size)
-    moved = between_planar(guess, match.pose)
-    agreement = place.agreement_with(around(b), match.pose)
-    second_best = (
-        place.agreement_with(around(b), found.second_best_pose) if found.second_best > 0.0 else None
-    )
+    pose, match, best, others = _likeliest(nodes, place, a, b, around, found, config)
+    second_best = min(others, key=lambda other: best.beyond(other, size), default=None)
     source = ScanMatch(
-        agreement.evidence, second_best.evidence if second_best else 0.0,
-        agreement.beyond(second_best)
-        if second_best and second_best.evidence >= needed
-        else agreement.evidence,
+        best.agreement.evidence, second_best.agreement.evidence if second_best else 0.0,
+        best.beyond(second_best, size) if second_best else best.agreement.evidence,
         float(found.score), float(match.overlap), float(match.residual),
-        float(np.hypot(*moved[:2])),
+        float(np.hypot(*between_planar(guess, match.pose)[:2])),
     )  # fmt: skip
-    verdict = _verdict(source, found, match, needed, place.submap.margin)
+    verdict = _verdict(source, pose, match, needed, place.submap.margin)
     information: Array = np.eye(3)
     if verdict.accepted:
         information = closure_information(match)
@@ -191,10 +188,39 @@ def _compare(
     return _constraint(nodes, a, b, match.pose, information, source, verdict)
 
 
-def _verdict(
-    source: ScanMatch, found: Found, match: Match, needed: float, margin: float
-) -> Verdict:
-    slipped = between_planar(found.pose, match.pose)
+def _likeliest(
+    nodes: LaserNodes, place: Place, a: int, b: int, around: Callable[[int], Place], found: Found,
+    config: Config,
+) -> tuple[Array, Match, Hypothesis, list[Hypothesis]]:  # fmt: skip
+    """Where b lies, seen from a: a pose (3,), the match from there, and what it was compared with.
+
+    The search knows of no drift: its poses are those with the most evidence. The path leads to
+    another one, which is likelier than those farther off.
+    """
+    size, guess = place.submap.size, between_planar(nodes.poses[a], nodes.poses[b])
+    aligned = functools.partial(match_submaps, nodes, a, b, config=config, size=size)
+
+    def supposed(pose: Array) -> Hypothesis:
+        agreement = place.agreement_with(around(b), pose)
+        return Hypothesis(agreement, drift_prior(nodes, a, b, pose))
+
+    pose, match = found.pose, aligned(found.pose)
+    best = supposed(match.pose)
+    others = [supposed(found.second_best_pose)] if found.second_best > 0.0 else []
+    if are_one(guess, pose, APART):
+        return pose, match, best, others
+    information = np.diag(1.0 / np.square(drift_sigmas(nodes, a, b)))
+    led = aligned(guess, prior=information).pose
+    if are_one(led, match.pose, APART):
+        return pose, match, best, others
+    there = supposed(led)
+    if there.beyond(best, size) > 0.0:
+        return led, aligned(led), there, [*others, best]
+    return pose, match, best, [*others, there]
+
+
+def _verdict(source: ScanMatch, pose: Array, match: Match, needed: float, margin: float) -> Verdict:
+    slipped = between_planar(pose, match.pose)
     metres, radians = float(np.hypot(*slipped[:2])), abs(float(slipped[2]))
     numbers = {"evidence": source.evidence, "limit": needed}
     if source.evidence < needed:

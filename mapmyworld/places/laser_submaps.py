@@ -37,19 +37,20 @@ def place_around(nodes: LaserNodes, middle: int, config: Config, size: int = 1) 
 
 
 def match_submaps(
-    nodes: LaserNodes, a: int, b: int, guess: Array, config: Config, size: int = 1
-) -> Match:
+    nodes: LaserNodes, a: int, b: int, guess: Array, config: Config, size: int = 1,
+    prior: Array = _NO_PRIOR,
+) -> Match:  # fmt: skip
     """The scans around b, as one, aligned with those around a, from `guess` (3,) of a_from_b.
 
-    Both `size` times as long as others.
+    Both `size` times as long as others; the guess has a `prior` information (3, 3).
     """
     targets, members = (submap_members(nodes, k, config, size) for k in (a, b))
-    return match_members(nodes, (a, targets), (b, members), guess, config, 2 * size)
+    return match_members(nodes, (a, targets), (b, members), guess, config, 2 * size, prior)
 
 
 def match_members(
     nodes: LaserNodes, target: tuple[int, Index], other: tuple[int, Index], guess: Array,
-    config: Config, step: int = 2,
+    config: Config, step: int = 2, prior: Array = _NO_PRIOR,
 ) -> Match:  # fmt: skip
     """Scans of some nodes, as one, aligned with those of others.
 
@@ -60,7 +61,7 @@ def match_members(
     return match_scan(
         _joined(nodes, b, members, step), nodes.scans.some(targets),
         between_planar(nodes.poses[a], nodes.poses[targets]), guess, config.registration,
-        prior_information=_NO_PRIOR, max_distances=np.concatenate([[0.4, 0.3], FINE]),
+        prior_information=prior, max_distances=np.concatenate([[0.4, 0.3], FINE]),
     )  # fmt: skip
 
 

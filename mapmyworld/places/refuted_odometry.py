@@ -33,7 +33,7 @@ from mapmyworld.places.laser_submaps import match_members, submap_of
 from mapmyworld.places.whole_map import SETTLED, WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import (
     FORTH,
-    Agreement,
+    Hypothesis,
     Place,
     needed_evidence,
 )
@@ -152,17 +152,17 @@ def _refutation(
     a, b = section.first, section.last
     known, place = map_of_scans(submap_of(nodes, before, a)), Place.of(submap_of(nodes, after, b))
     odometry = between_planar(nodes.poses[a], nodes.poses[b])
-    there = _Candidate(odometry, known.best_about(place, odometry, *_window(section))[1], 0.0)
+    there = _Candidate(known.best_about(place, odometry, *_window(section))[1], 0.0, odometry)
     tried = _candidates(known, place, odometry, config.threads)
     if not tried:
         return None
     best = tried[0]
     if best.log_odds <= max(there.log_odds, 0.0) + FAULT_ODDS + NATS * needed_evidence(*_WINDOW):
-        likelier = [one for one in tried if one.log_odds_over(there) >= NATS * MARGIN]
+        likelier = [one for one in tried if one.beyond(there) >= MARGIN]
         return (likelier[0].verdict(Why.DOUBTED, odometry), None) if likelier else None
     verdict = best.verdict(Why.REFUTED, odometry)
     others = [o for o in tried if not are_one(best.pose, o.pose, APART)]
-    if any(best.log_odds_over(o) < NATS * MARGIN for o in others):
+    if any(best.beyond(o) < MARGIN for o in others):
         return verdict, None
     match = match_members(nodes, (a, before), (b, after), best.pose, config)
     return verdict, match if are_one(best.pose, match.pose, APART) else None
@@ -188,12 +188,11 @@ def _window(section: Section) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Candidate:
+class _Candidate(Hypothesis):
+    """The place after a section, seen from the node before it, where a fault leads there."""
+
     pose: Array
-    """(3,) of the node after, in the frame of the one before."""
-    agreement: Agreement
-    prior: float
-    """Log density of a fault that leads there, less that of the smallest one."""
+    """(3,)"""
 
     @property
     def log_odds(self) -> float:
@@ -205,10 +204,6 @@ class _Candidate:
         apart = between_planar(odometry, self.pose)
         metres, degrees = float(np.hypot(*apart[:2])), float(np.degrees(abs(apart[2])))
         return Verdict(Judge.LASER, False, why, {"metres": metres, "degrees": degrees})
-
-    def log_odds_over(self, other: _Candidate) -> float:
-        """Nats for this pose, and against another one."""
-        return NATS * self.agreement.beyond(other.agreement) + self.prior - other.prior
 
 
 def _candidates(known: WholeMap, place: Place, odometry: Array, threads: int) -> list[_Candidate]:
@@ -230,7 +225,7 @@ def _candidates(known: WholeMap, place: Place, odometry: Array, threads: int) ->
         if pose is not None:
             apart = between_planar(odometry, pose) / FAULT_SIZE
             agreement = known.judge(place, pose)
-            tried.append(_Candidate(pose, agreement, -0.5 * float(apart @ apart)))
+            tried.append(_Candidate(agreement, -0.5 * float(apart @ apart), pose))
     return sorted(tried, key=lambda one: -one.log_odds)
 
 

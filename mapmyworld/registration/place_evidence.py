@@ -142,6 +142,19 @@ class Agreement:
         return int(np.count_nonzero(self.forth < 0) + np.count_nonzero(self.back < 0))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """A later place at one of the poses that are compared."""
+
+    agreement: Agreement
+    prior: float
+    """Log density, in nats, of what leads there, less that where it is largest."""
+
+    def beyond(self, other: Hypothesis, size: int = 1) -> float:
+        """Points by which this pose is likelier than another one, of submaps of this size."""
+        return self.agreement.beyond(other.agreement) + (self.prior - other.prior) * size / NATS
+
+
 def _log_odds(judged: Index, rates: tuple[float, float]) -> float:
     hits, misses = np.count_nonzero(judged > 0), np.count_nonzero(judged < 0)
     same, other = rates

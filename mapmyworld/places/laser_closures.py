@@ -194,8 +194,8 @@ def _likeliest(
 ) -> tuple[Array, Match, Hypothesis, list[Hypothesis]]:  # fmt: skip
     """Where b lies, seen from a: a pose (3,), the match from there, and what it was compared with.
 
-    The search knows of no drift: its poses are those with the most evidence. The path leads to
-    another one, which is likelier than those farther off.
+    The search knows of no drift: it has the poses with the most evidence. The path leads to another
+    one, which takes less.
     """
     size, guess = place.submap.size, between_planar(nodes.poses[a], nodes.poses[b])
     aligned = functools.partial(match_submaps, nodes, a, b, config=config, size=size)

@@ -14,10 +14,10 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 from mapmyworld.parallel import in_threads
-from mapmyworld.places.laser_candidates import FIRST_WINDOW, drift_prior, drift_window
+from mapmyworld.places.laser_candidates import FIRST_WINDOW, drift_window
 from mapmyworld.places.laser_nodes import LaserNodes, spaced
 from mapmyworld.places.laser_submaps import place_around
-from mapmyworld.registration.place_evidence import FORTH, Hypothesis, Place, needed_evidence
+from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_search import evidence_elsewhere
 from mapmyworld.types import Judge, Judged, ScanMatch, Verdict, Why
 
@@ -91,15 +91,11 @@ def _second_best(
     )  # fmt: skip
     if other is None:
         return 0.0
-    pose = matrix_to_planar(closure.i_from_j)
-    best, second_best = (
-        Hypothesis(near.agreement_with(there, at), drift_prior(nodes, node, b, at))
-        for near, node, at in ((around(a), a, pose), (place, spot, other))
-    )
-    if second_best.agreement.evidence < needed:
+    second_best = place.agreement_with(there, other)
+    if second_best.evidence < needed:
         return 0.0
-    beyond = best.beyond(second_best, place.submap.size)
-    return second_best.agreement.evidence if beyond < place.submap.margin else 0.0
+    agreement = around(a).agreement_with(there, matrix_to_planar(closure.i_from_j))
+    return second_best.evidence if agreement.beyond(second_best) < place.submap.margin else 0.0
 
 
 def _doubted(closure: Judged, second_best: float) -> Judged:

@@ -70,9 +70,11 @@ class ScanMatch:
     evidence: float = 0.0
     """Points of both that the other confirms, less those that it contradicts."""
     second_best: float = 0.0
-    """That of the best pose elsewhere in the search."""
+    """That of the likeliest other pose."""
     beyond: float = 0.0
-    """Evidence beyond the second best's, what only one of them saw by a quarter; else all."""
+    """Evidence beyond the second best's, what only one of them saw by a quarter, and by how many
+    points its drift is likelier; else all.
+    """
     score: float = 0.0
     """Mean likelihood of the best pose of the search."""
     overlap: float = 0.0

@@ -168,7 +168,7 @@ def _compare(
     if found is None:
         verdict = Verdict(Judge.LASER, False, Why.NOTHING_IN_COMMON)
         return _constraint(nodes, a, b, guess, np.eye(3), ScanMatch(), verdict)
-    pose, match, best, others = _likeliest(nodes, place, a, b, around, found, config)
+    pose, match, best, others = _likeliest(nodes, place, a, b, around, found, needed, config)
     second_best = min(others, key=lambda other: best.beyond(other, size), default=None)
     source = ScanMatch(
         best.agreement.evidence, second_best.agreement.evidence if second_best else 0.0,
@@ -190,9 +190,10 @@ def _compare(
 
 def _likeliest(
     nodes: LaserNodes, place: Place, a: int, b: int, around: Callable[[int], Place], found: Found,
-    config: Config,
+    needed: float, config: Config,
 ) -> tuple[Array, Match, Hypothesis, list[Hypothesis]]:  # fmt: skip
-    """Where b lies, seen from a: a pose (3,), the match from there, and what it was compared with.
+    """Where b lies, seen from a: a pose (3,), the match from there, and others with the evidence
+    that is `needed`, in points.
 
     The search knows of no drift: it has the poses with the most evidence. The path leads to another
     one, which takes less.
@@ -205,18 +206,17 @@ def _likeliest(
         return Hypothesis(agreement, drift_prior(nodes, a, b, pose))
 
     pose, match = found.pose, aligned(found.pose)
-    best = supposed(match.pose)
-    others = [supposed(found.second_best_pose)] if found.second_best > 0.0 else []
-    if are_one(guess, pose, APART):
-        return pose, match, best, others
-    information = np.diag(1.0 / np.square(drift_sigmas(nodes, a, b)))
-    led = aligned(guess, prior=information).pose
-    if are_one(led, match.pose, APART):
-        return pose, match, best, others
-    there = supposed(led)
-    if there.beyond(best, size) > 0.0:
-        return led, aligned(led), there, [*others, best]
-    return pose, match, best, [*others, there]
+    best, others = supposed(match.pose), list[Hypothesis]()
+    if found.second_best > 0.0:
+        others.append(supposed(found.second_best_pose))
+    if not are_one(guess, pose, APART):
+        led = aligned(guess, prior=np.diag(1.0 / np.square(drift_sigmas(nodes, a, b)))).pose
+        there = supposed(led)
+        if not are_one(led, match.pose, APART):
+            others.append(there)
+            if there.agreement.evidence >= needed and there.beyond(best, size) > 0.0:
+                pose, match, best, others[-1] = led, aligned(led), there, best
+    return pose, match, best, [one for one in others if one.agreement.evidence >= needed]
 
 
 def _verdict(source: ScanMatch, pose: Array, match: Match, needed: float, margin: float) -> Verdict:

@@ -63,6 +63,8 @@ def test_switches_are_read_from_text(text: str, expected: bool) -> None:
         ("seed", 1 << 64, "from 0 to"),
         ("sensing.scan_offset", 1e10, "from -1e"),
         ("places.vocabulary", "\0", "text without zero bytes"),
+        ("storage.depth_codec", "rvl", "png or float"),
+        ("storage.image_codec", "JPEG", "jpeg or png"),
     ],
 )
 def test_a_value_out_of_range_is_refused_with_the_range(

@@ -175,7 +175,7 @@ def test_a_place_like_no_other_is_recognised_between_equal_doors() -> None:
 
 
 def test_what_lies_farther_along_the_corridor_tells_equal_doors_apart() -> None:
-    """Places at its begin show equal doors alone: some are told by drift, others by what longer
+    """Places at its begin show equal doors alone: some differ by drift, others by what longer
     submaps show 15 m ahead.
     """
     cupboard = [[12.0, -1.0, 12.0, 0.3], [12.0, 0.3, 13.0, 0.3], [13.0, 0.3, 13.0, -1.0]]

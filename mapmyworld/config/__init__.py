@@ -6,10 +6,12 @@ from dataclasses import dataclass, field
 
 from mapmyworld.config.ranges import (
     Count,
+    DepthCodec,
     FromZero,
     Grey,
     Likely,
     Many,
+    PictureCodec,
     Positive,
     Probability,
     Quality,
@@ -139,9 +141,9 @@ class StorageConfig:
     """Settings of what map.db keeps, and how."""
 
     store_images: bool = True  # keep colour and depth images of the nodes
-    image_codec: str = "jpeg"  # "jpeg" or "png"; recorded JPEG files are kept as they are
+    image_codec: PictureCodec = "jpeg"  # "jpeg" or "png"; recorded JPEG files are kept as they are
     image_quality: Quality = 95  # JPEG quality, 1 to 100
-    depth_codec: str = "png"  # "png" (whole mm; recorded PNG is kept), or "float" (exact)
+    depth_codec: DepthCodec = "png"  # "png" (whole mm; recorded PNG is kept), or "float" (exact)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,3 +43,5 @@ Whole = Annotated[int, Range(0)]
 Seed = Annotated[int, Range(0, 2**64 - 1)]
 Many = Annotated[int, Range(1, 1_000_000)]
 Grey = Annotated[int, Range(1, 255)]
+PictureCodec = Literal["jpeg", "png"]
+DepthCodec = Literal["png", "float"]

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from mapmyworld.config import Config
 from mapmyworld.config.ranges import Range
@@ -32,6 +32,8 @@ class Setting:
     """The comment that stands behind it: unit and meaning."""
     allowed: Range = _FINITE
     """Of a number."""
+    choices: tuple[str, ...] = ()
+    """Of a word; empty where any will do."""
 
 
 def list_settings(config: Config | None = None) -> tuple[Setting, ...]:
@@ -50,8 +52,9 @@ def _walk(section: Any, prefix: str) -> list[Setting]:
         else:
             hint = hints[item.name]
             allowed = get_args(hint)[1] if get_origin(hint) is Annotated else _FINITE
+            choices = get_args(hint) if get_origin(hint) is Literal else ()
             meaning = comments.get(item.name, "")
-            found.append(Setting(f"{prefix}{item.name}", value, meaning, allowed))
+            found.append(Setting(f"{prefix}{item.name}", value, meaning, allowed, choices))
     return found
 
 
@@ -126,6 +129,8 @@ def _converted(value: Any, setting: Setting) -> Any:
         raise ValueError(f"expected {kind.__name__}")
     if kind is str and "\0" in value:  # which is part of no name
         raise ValueError("expected text without zero bytes")
+    if setting.choices and value not in setting.choices:
+        raise ValueError(f"expected {' or '.join(setting.choices)}")
     return value
 
 

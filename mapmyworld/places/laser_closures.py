@@ -201,17 +201,17 @@ def _likeliest(
     size, guess = place.submap.size, between_planar(nodes.poses[a], nodes.poses[b])
     aligned = functools.partial(match_submaps, nodes, a, b, config=config, size=size)
 
-    def supposed(pose: Array) -> Hypothesis:
+    def hypothesis(pose: Array) -> Hypothesis:
         agreement = place.agreement_with(around(b), pose)
         return Hypothesis(agreement, drift_prior(nodes, a, b, pose))
 
     pose, match = found.pose, aligned(found.pose)
-    best, others = supposed(match.pose), list[Hypothesis]()
+    best, others = hypothesis(match.pose), list[Hypothesis]()
     if found.second_best > 0.0:
-        others.append(supposed(found.second_best_pose))
+        others.append(hypothesis(found.second_best_pose))
     if not are_one(guess, pose, APART):
         led = aligned(guess, prior=np.diag(1.0 / np.square(drift_sigmas(nodes, a, b)))).pose
-        there = supposed(led)
+        there = hypothesis(led)
         if not are_one(led, match.pose, APART):
             others.append(there)
             if there.agreement.evidence >= needed and there.beyond(best, size) > 0.0:

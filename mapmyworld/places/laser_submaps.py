@@ -55,7 +55,7 @@ def match_members(
     """Scans of some nodes, as one, aligned with those of others.
 
     A node and the nodes of its submap, (K,) both; `guess` (3,) is where the `other` node lies in
-    the frame of the `target` node.
+    the frame of the `target` node, with a `prior` information (3, 3).
     """
     (a, targets), (b, members) = target, other
     return match_scan(

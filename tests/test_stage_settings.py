@@ -91,6 +91,8 @@ def other(setting: Setting) -> Any:
     """Another value that is allowed."""
     if isinstance(setting.value, bool):
         return not setting.value
+    if setting.choices:
+        return next(word for word in setting.choices if word != setting.value)
     if isinstance(setting.value, str):
         return f"{setting.value}x"
     for value in (setting.value + 1, setting.value * 0.9, setting.value * 1.01):

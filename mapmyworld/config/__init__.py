@@ -9,9 +9,9 @@ from mapmyworld.config.ranges import (
     DepthCodec,
     FromZero,
     Grey,
+    ImageCodec,
     Likely,
     Many,
-    PictureCodec,
     Positive,
     Probability,
     Quality,
@@ -141,7 +141,7 @@ class StorageConfig:
     """Settings of what map.db keeps, and how."""
 
     store_images: bool = True  # keep colour and depth images of the nodes
-    image_codec: PictureCodec = "jpeg"  # "jpeg" or "png"; recorded JPEG files are kept as they are
+    image_codec: ImageCodec = "jpeg"  # "jpeg" or "png"; recorded JPEG files are kept as they are
     image_quality: Quality = 95  # JPEG quality, 1 to 100
     depth_codec: DepthCodec = "png"  # "png" (whole mm; recorded PNG is kept), or "float" (exact)
 

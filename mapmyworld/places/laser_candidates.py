@@ -116,10 +116,9 @@ def drift_window(nodes: LaserNodes, a: int, b: int, widest: float) -> tuple[floa
 
 
 def drift_sigmas(nodes: LaserNodes, a: int, b: int) -> Array:
-    """(3,) m, m, rad: a third of the window, without an end."""
-    metres, radians = nodes.drift.reach(a, b)
-    off = SLACK[0] + float(metres)
-    return np.array([off, off, SLACK[1] + float(radians)]) / SIGMAS
+    """(3,) m, m, rad: a third of the window, however wide."""
+    metres, radians = drift_window(nodes, a, b, np.inf)
+    return np.array([metres, metres, radians]) / SIGMAS
 
 
 def drift_prior(nodes: LaserNodes, a: int, b: int, pose: Array) -> float:

@@ -211,8 +211,8 @@ def _likeliest(
         others.append(hypothesis(found.second_best_pose))
     if not are_one(guess, pose, APART):
         led = aligned(guess, prior=np.diag(1.0 / np.square(drift_sigmas(nodes, a, b)))).pose
-        there = hypothesis(led)
         if not are_one(led, match.pose, APART):
+            there = hypothesis(led)
             others.append(there)
             if there.agreement.evidence >= needed and there.beyond(best, size) > 0.0:
                 pose, match, best, others[-1] = led, aligned(led), there, best

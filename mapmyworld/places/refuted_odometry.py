@@ -192,7 +192,7 @@ class _Candidate(Hypothesis):
     """The place after a section, seen from the node before it, where a fault leads there."""
 
     pose: Array
-    """(3,)"""
+    """(3,) of the node after."""
 
     @property
     def log_odds(self) -> float:

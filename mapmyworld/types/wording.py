@@ -39,7 +39,7 @@ _VERDICTS: Mapping[Why, str] = {
     Why.NOTHING_IN_COMMON: "no surface seen from both places",
     Why.LITTLE_EVIDENCE: "evidence {evidence:.0f} points, {limit:.0f} needed",
     Why.AMBIGUOUS_POSE: "ambiguous: another pose has evidence {second_best:.0f} against "
-    "{evidence:.0f} points",
+    "{evidence:.0f} points; margin {beyond:.0f} with drift",
     Why.NOT_CONVERGED: "not converged: refinement moved the best pose of the search by "
     "{metres:.2f} m, {degrees:.0f} deg",
     Why.DEGENERATE: "degenerate: the surfaces constrain one direction poorly",

@@ -9,7 +9,8 @@ Errors are RMSE of all scans after the best rigid alignment
 for buildings with a reference trajectory, and the mean translational error for logs with relations.
 A closure is false where it misses the reference by more than 0.5 m or 5 degrees. Recall: of the
 moments at which the robot is back within 1 m and 30 degrees of an earlier visit, the share that an
-accepted closure joins to it within 2 m of path.
+accepted closure joins to it within 2 m of path. NEES: of nodes, per unknown; 1 is consistent where
+the reference is the truth.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from formats.trajectory_files import read_trajectory
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
+from mapmyworld.evaluation.nees import map_nees
 from mapmyworld.evaluation.relations_metric import poses_at, relations_score
 from mapmyworld.evaluation.trajectory_error import ate
 from mapmyworld.geometry.planar import matrix_to_planar
@@ -68,6 +70,7 @@ class Row:
     false: int
     recall: float
     normalised: dict[str, float]
+    nees: float
     cpu_s: float
     realtime: float
 
@@ -87,7 +90,7 @@ def main() -> None:
     config = apply_settings(Config(), dict(s.split("=", 1) for s in arguments.set))
     print(
         f"{'log':<37}{'error m':>9}{'closures':>12}{'false':>6}{'recall':>8}"
-        f"{'nbr':>6}{'loop':>6}{'CPU s':>8}{'x real':>8}{'MB':>6}  losses"
+        f"{'nbr':>6}{'loop':>6}{'NEES':>7}{'CPU s':>8}{'x real':>8}{'MB':>6}  losses"
     )
     with tempfile.TemporaryDirectory(prefix="altered-") as made:
         for name, path in _logs(arguments, Path(made)):
@@ -96,7 +99,7 @@ def main() -> None:
             n = [row.normalised.get(k, float("nan")) for k in ("neighbour", "loop_closure")]
             print(
                 f"{name:<37}{row.error:9.4f}{row.accepted:6d}/{row.tried:<5d}{row.false:6d}"
-                f"{row.recall:8.1%}{n[0]:6.2f}{n[1]:6.2f}{row.cpu_s:8.1f}"
+                f"{row.recall:8.1%}{n[0]:6.2f}{n[1]:6.2f}{row.nees:7.2f}{row.cpu_s:8.1f}"
                 f"{row.realtime:8.0f}{peak:6d}  {'; '.join(row.losses)[:120]}",
                 flush=True,
             )
@@ -141,6 +144,7 @@ def run(path: Path, config: Config, method: str, pictures: Path | None, name: st
         _false(store, reference),
         _recall(store, reference),
         normalised_residuals(calibrated_constraints(store), solved, planar=True),
+        _nees(store, reference),
         cpu_s,
         result.duration_s / max(cpu_s, 1e-9),
     )
@@ -196,6 +200,14 @@ def _recall(store: MapStore, reference: Trajectory | None) -> float:
         return float("nan") if len(pairs) == 0 else 0.0
     found = recalled(closures_of(store, path), path[pairs])
     return len(np.unique(pairs[found, 1])) / len(np.unique(pairs[:, 1]))
+
+
+def _nees(store: MapStore, reference: Trajectory | None) -> float:
+    """NaN without a reference."""
+    solved = store.poses()
+    assert solved is not None
+    found = map_nees(store.nodes(), solved, reference) if reference is not None else None
+    return float("nan") if found is None else found
 
 
 def _picture(store: MapStore, file: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from sample_verdicts import REJECTED
 
 from mapmyworld.alignment.joint_alignment import align_in_rounds
-from mapmyworld.alignment.joint_system import Statements, joint_system, node_motions
+from mapmyworld.alignment.joint_system import NOTHING, Statements, joint_system, node_motions
 from mapmyworld.alignment.odometry_variances import WeighedOdometry
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
@@ -70,12 +70,31 @@ def test_scans_state_nothing_that_their_alignment_does_not_see() -> None:
 
 def test_closures_and_statements_are_edges_of_one_system() -> None:
     stated, held = Statements.of(NODES, GIVEN), np.zeros(5, np.bool_)
-    system, every = joint_system(NODES, CHOSEN, GIVEN, stated, AT, held)
+    system, every = joint_system(NODES, CHOSEN, GIVEN, stated, AT, held, CHOSEN)
     ends = list(zip(system.tails.tolist(), system.heads.tolist(), strict=True))
     assert ends[:4] == [(1, 2), (0, 3), (2, 4), (5, 1)]  # four nodes, the landmark, the map
     assert ends[4:] == [(0, 2)]
     assert np.flatnonzero(system.free < 0).tolist() == [5]
     assert len(every) == 6
+
+
+def test_closures_of_scans_that_are_left_out_tie_no_others() -> None:
+    """They were carried along a lap or more of tracked motions, and stated to centimetres."""
+    held, given = np.zeros(3, np.bool_), GIVEN[:2]
+    for chosen, expected in ((CHOSEN[[0, 1, 3]], []), (CHOSEN[[0, 2, 3]], [(0, 1)])):
+        system, _ = joint_system(NODES, chosen, given, NOTHING, AT[chosen], held, CHOSEN)
+        assert list(zip(system.tails.tolist(), system.heads.tolist(), strict=True)) == expected
+
+
+def test_headings_err_by_their_lever_arms_over_scans_that_are_left_out() -> None:
+    """Ten motions of a metre, each known to 1 cm and 0.01 rad."""
+    poses = planar_to_matrix(np.array([[1.0 * k, 0.0, 0.0] for k in range(11)]))
+    nodes = [Node(k + 5, 1, k, pose, pose) for k, pose in enumerate(poses)]
+    steps = [constraint(k, k + 1, ConstraintKind.NEIGHBOUR, ScanMatch()) for k in range(5, 15)]
+    _, _, measured, information = node_motions(nodes, np.array([0, 10]), steps)
+    np.testing.assert_allclose(measured, [[10.0, 0.0, 0.0]], atol=1e-9)
+    (spread,) = np.linalg.inv(information)
+    assert np.allclose(spread.diagonal(), [1e-3, 1e-3 + 1e-4 * sum(k * k for k in range(10)), 1e-3])
 
 
 def test_landmarks_move_with_what_sees_them_and_priors_move_the_map() -> None:
@@ -86,7 +105,9 @@ def test_landmarks_move_with_what_sees_them_and_priors_move_the_map() -> None:
         Poses(np.array([-2]), planar_to_matrix(AT[4:])),
     )
     assert np.allclose(stated.places_of(landmark), AT[4:])
-    system, every = joint_system(vague, CHOSEN, GIVEN[2:3], stated, AT, np.zeros(5, np.bool_))
+    system, every = joint_system(
+        vague, CHOSEN, GIVEN[2:3], stated, AT, np.zeros(5, np.bool_), CHOSEN
+    )
     motions, none = node_motions(vague, CHOSEN, GIVEN[2:3]), np.zeros((0, 2), np.int64)
     odometry = WeighedOdometry(vague, CHOSEN, motions, np.zeros(0, np.bool_))
     rest = odometry, (lambda _: none), Config(threads=1), Silent(), np.full(8, 0.1)

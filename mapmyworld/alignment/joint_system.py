@@ -14,8 +14,14 @@ from numpy.typing import NDArray
 
 from mapmyworld.backend.system import System, with_edges
 from mapmyworld.geometry import Array, Index
-from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar, planar_to_matrix
-from mapmyworld.geometry.rigid import between, invert
+from mapmyworld.geometry.planar import (
+    between_planar,
+    information_to_planar,
+    matrix_to_planar,
+    planar_adjoint,
+    planar_to_matrix,
+)
+from mapmyworld.geometry.rigid import between, invert, transported
 from mapmyworld.graph.constraint_system import stated_system
 from mapmyworld.odometry.tracking_losses import UNKNOWN
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged, Node, Poses, ScanMatch
@@ -72,23 +78,25 @@ def _ends(constraint: Judged) -> tuple[int, int]:
 
 def joint_system(
     nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged],
-    stated: Statements, poses: Array, held: NDArray[np.bool_],
+    stated: Statements, poses: Array, held: NDArray[np.bool_], spaced: Index,
 ) -> tuple[System, Array]:  # fmt: skip
-    """The system of `chosen` (S,) nodes, tied by closures, and of the landmarks.
+    """The system of `chosen` (S,) nodes, some of those `spaced` (P,), and of the landmarks.
 
+    Closures tie them whose ends both lie next to a chosen one: not those of laps that are left out.
     They are at `poses` (N, 3), N = S + L, of which those that are `held` (N,) stay. Then all poses
     (N + 1, 3), that of the map's own frame, which stays too, last.
     """
     ids = np.array([*(nodes[k].id for k in chosen.tolist()), *stated.landmarks], np.int64)
     known = stated_system(ids, planar_to_matrix(poses), stated.constraints, planar=True)
-    system = with_edges(known.system, *_closed(nodes, chosen, constraints))
+    system = with_edges(known.system, *_closed(nodes, chosen, constraints, spaced))
     return system.held(np.append(held, True)), np.concatenate([poses, np.zeros((1, 3))])
 
 
 def node_motions(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged]) -> Edges:
     """Motions between `chosen` nodes (S,), with the neighbours' covariances added up.
 
-    Relative poses (E, 3) and information (E, 3, 3), after the rows of tails and heads in `chosen`.
+    Whole laps may lie between two of them, so that headings err by their lever arms. Relative
+    poses (E, 3) and information (E, 3, 3), after the rows of tails and heads in `chosen`.
     """
     row_of = {node.id: row for row, node in enumerate(nodes)}
     steps = _steps(constraints, row_of)
@@ -97,11 +105,15 @@ def node_motions(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Jud
         rows = np.array([(row_of[c.from_id], row_of[c.to_id]) for c in steps])
         tracked = _as_measured(tracked, rows, np.stack([c.i_from_j for c in steps]))
     covariances = step_covariances(nodes, constraints)
-    summed = np.add.reduceat(covariances[: chosen[-1]], chosen[:-1], axis=0)
+    planar = matrix_to_planar(tracked)
+    ends = np.repeat(chosen[1:], np.diff(chosen))
+    after = between_planar(planar[ends], planar[chosen[0] + 1 : chosen[-1] + 1])
+    moved = transported(planar_adjoint(after), covariances[chosen[0] : chosen[-1]])
+    summed = np.add.reduceat(moved, chosen[:-1] - chosen[0], axis=0)
     information = np.asarray(np.linalg.inv(summed + 1e-9 * np.eye(3)), np.float64)
     sessions = np.array([nodes[k].session for k in chosen])
     within = np.flatnonzero(sessions[:-1] == sessions[1:])
-    measured = matrix_to_planar(between(tracked[chosen[within]], tracked[chosen[within + 1]]))
+    measured = between_planar(planar[chosen[within]], planar[chosen[within + 1]])
     return within, within + 1, measured, information[within]
 
 
@@ -139,8 +151,10 @@ def _as_measured(tracked: Array, rows: Index, measured: Array) -> Array:
     return poses
 
 
-def _closed(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged]) -> Edges:
-    """Accepted laser closures between the nearest chosen nodes."""
+def _closed(
+    nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged], spaced: Index
+) -> Edges:
+    """Accepted laser closures between chosen nodes that are the nearest of those spaced (P,)."""
     row_of = {node.id: row for row, node in enumerate(nodes)}
     found = [
         c for c in constraints
@@ -150,10 +164,11 @@ def _closed(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged])
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3))
     rows = np.array([(row_of[c.from_id], row_of[c.to_id]) for c in found])
     near = np.searchsorted(chosen, rows, side="right") - 1
+    spot = spaced[np.searchsorted(spaced, rows, side="right") - 1]
     matrices = np.stack([node.tracked_from_base for node in nodes])
     aside = between(matrices[chosen[near]], matrices[rows])
     measured = np.stack([c.i_from_j for c in found])
     moved = aside[:, 0] @ measured @ invert(aside[:, 1])
     known = information_to_planar(np.stack([c.information for c in found]))
-    keep = near[:, 0] != near[:, 1]
+    keep = (near[:, 0] != near[:, 1]) & (chosen[near] == spot).all(axis=1)
     return near[keep, 0], near[keep, 1], matrix_to_planar(moved)[keep], known[keep]

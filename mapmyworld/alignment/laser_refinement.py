@@ -92,7 +92,7 @@ def refine_poses(
     drift = _drift(nodes, constraints)
     held = scans.some(chosen)
     scans.let_go()
-    task = _Task(nodes, frames, chosen, held, constraints, drift, statements, session, config)
+    task = _Task(nodes, frames, chosen, chosen, held, constraints, statements, session, config)
     found = _aligned(task, solved[chosen], statements.places_of(poses), progress)
     every = np.concatenate(
         [
@@ -120,13 +120,13 @@ class _Task:
 
     nodes: Sequence[Node]
     frames: TrackedFrames
+    spaced: Index
+    """(P,) the nodes whose scans are aligned in the end."""
     chosen: Index
     """(S,) the nodes they were taken at."""
     scans: ScanSet
     """These."""
     constraints: Sequence[Judged]
-    drift: Array
-    """(N,) m^2: see `_drift`."""
     statements: Statements
     session: Index
     """(N,) of all nodes, the component of the path that each is in."""
@@ -152,8 +152,9 @@ class _Aligned:
 def _aligned(task: _Task, poses: Array, landmarks: Array, progress: Progress) -> _Aligned:
     """All scans: the first visits of every place with each other, later ones with these.
 
-    So the factor graph grows with the area that was seen, and not with how often it was. What is
-    stated holds the first ones: a node that it concerns is among them.
+    Later ones begin where the nearest of the first ones were moved. So the factor graph grows with
+    the area that was seen, and not with how often it was. What is stated holds the first ones: a
+    node that it concerns is among them.
     """
     first = among_first_revisits(poses, task.config.odometry.refine_references)
     first |= np.isin(task.chosen, task.statements.concerns(task.nodes))
@@ -162,23 +163,25 @@ def _aligned(task: _Task, poses: Array, landmarks: Array, progress: Progress) ->
     shaped = _rounds(some, poses[rows], landmarks, np.zeros(len(rows), np.bool_), progress)
     if first.all():
         return shaped
-    moved = carry_along(poses, rows, shaped.poses, task.drift[task.chosen])
+    near = cKDTree(poses[rows, :2]).query(poses[:, :2])[1]
+    near[rows] = np.arange(len(rows))
+    moved = _moved_with(poses, rows[near], shaped.poses[near])
     others = replace(task, statements=NOTHING)
     later = _rounds(others, moved, landmarks[:0], first, progress)
     return replace(
         shaped, poses=later.poses, moved=shaped.moved + later.moved,
-        spread=_spread_of_both(shaped, later, rows), own=later.own, anchors=rows[shaped.anchors],
+        spread=_spread_of_both(shaped, later, near), own=later.own, anchors=rows[shaped.anchors],
     )  # fmt: skip
 
 
-def _spread_of_both(shaped: _Aligned, later: _Aligned, rows: Index) -> Array | None:
-    """Later scans err as those do that shape the map near them, and by what they err against it."""
+def _spread_of_both(shaped: _Aligned, later: _Aligned, near: Index) -> Array | None:
+    """Later scans err as those do that shape the map `near` (S,) them, and by what they err against
+    it.
+    """
     if shaped.spread is None or later.spread is None:
         return None
-    nearest = cKDTree(shaped.poses[:, :2]).query(later.poses[:, :2])[1]
-    nearest[rows] = np.arange(len(rows))
-    with_map = carried(shaped.spread[nearest], shaped.poses[nearest], later.poses)
-    return np.concatenate([with_map + later.spread, shaped.spread[len(rows) :]])
+    with_map = carried(shaped.spread[near], shaped.poses[near], later.poses)
+    return np.concatenate([with_map + later.spread, shaped.spread[len(shaped.poses) :]])
 
 
 def _spread_of_all(every: Array, chosen: Index, found: _Aligned) -> Array:
@@ -198,12 +201,13 @@ def _rounds(
     settings, config = task.config.odometry, task.config
     count = len(poses)
     stays = np.append(held, np.zeros(len(landmarks), np.bool_))
-    given = task.nodes, task.chosen, task.constraints
+    given, start = (task.nodes, task.chosen, task.constraints), np.concatenate([poses, landmarks])
     motions = node_motions(*given)
-    system, start = joint_system(*given, task.statements, np.concatenate([poses, landmarks]), stays)
+    system, start = joint_system(*given, task.statements, start, stays, task.spaced)
     alone = {c.to_id for c in task.constraints if c.is_unmatched}
     blind = np.cumsum([node.id in alone for node in task.nodes])[task.chosen]
-    matched = blind[motions[0]] == blind[motions[1]]
+    lap = np.searchsorted(task.spaced, task.chosen) - np.arange(count)  # counts what is left out
+    matched = (blind[motions[0]] == blind[motions[1]]) & (lap[motions[0]] == lap[motions[1]])
     odometry = WeighedOdometry(task.nodes, task.chosen, motions, matched)
     stated = with_edges(system, *motions)
     field = field_of_view(task.scans.rows[:, 4])

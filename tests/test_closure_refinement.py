@@ -15,6 +15,7 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     planar_to_matrix,
 )
+from mapmyworld.places.laser_closures import OPEN
 from mapmyworld.places.laser_nodes import NodeScans
 from mapmyworld.registration.scan_matching import prepare_scans, scan_set
 from mapmyworld.types import (
@@ -119,3 +120,29 @@ def test_a_closure_that_misses_the_final_poses_again_is_rejected() -> None:
     (judged,) = refine_closures([true], Poses(poses.ids, matrices, None), CONFIG, scans)
     assert not judged.accepted
     assert "contradicts the refined poses by 0.20 m" in reason_of(judged)
+
+
+@pytest.mark.parametrize("why", OPEN)
+@pytest.mark.parametrize(
+    ("sigma", "session", "expected"), [(0.02, 0, 1), (0.3, 0, 0), (0.02, 1, 0)]
+)
+def test_the_graph_decides_what_scans_leave_ambiguous(
+    same: tuple[NodeScans, Poses], why: Why, sigma: float, session: int, expected: int
+) -> None:
+    """Where it knows both places better than other poses lie from these, of one session."""
+    loaded, poses = same
+    door = closure(np.array([2.0, 0.0, 0.0]), ConstraintKind.LOOP_CLOSURE, ScanMatch(score=0.8))
+    refused = door.judged(Verdict(Judge.LASER, False, why))
+    lost = loaded.variances.copy()
+    lost[98] = np.inf if session else 0.0  # before the second visit
+    sees = np.ones(len(TRUTH), np.bool_)
+    parted = NodeScans(loaded.nodes, loaded.scans, lost, sees, loaded.variances)
+    known = Poses(poses.ids, poses.map_from_node, np.tile(sigma**2 * np.eye(6), (len(TRUTH), 1, 1)))
+    first, *anew = refine_closures([refused], known, CONFIG, parted)
+    assert not first.accepted
+    assert len(anew) == expected
+    for c in anew:
+        assert c.accepted
+        miss = matrix_to_planar(c.i_from_j) - between_planar(TRUTH[A], TRUTH[B])
+        assert np.hypot(*miss[:2]) < 0.02
+        assert len(refine_closures([first, c], known, CONFIG, loaded)) == 2  # once

@@ -1,6 +1,7 @@
 """Laser closures looked at once more, from the final poses.
 
-A closure is measured while the poses around its two nodes are still tracked ones. Where a turn
+What one pair of places leaves ambiguous, or open along a corridor, the whole graph decides. And a
+closure is measured while the poses around its two nodes are still tracked ones. Where a turn
 began between two odometry samples, a node's sweep, and so the closure, may be turned by a degree.
 """
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.alignment.joint_system import is_by_laser
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import (
     between_planar,
     information_from_planar,
@@ -21,12 +23,12 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     planar_to_matrix,
 )
-from mapmyworld.kernels.laser_motion import is_degenerate
-from mapmyworld.places.laser_closures import closure_information
-from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
+from mapmyworld.places.laser_closures import OPEN, closure_information
+from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, joined_sessions, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, place_around
+from mapmyworld.places.path_drift import SIGMAS
 from mapmyworld.registration.place_evidence import needed_evidence
-from mapmyworld.registration.scan_search import MARGIN
+from mapmyworld.registration.scan_search import APART, MARGIN
 from mapmyworld.types import (
     Constraint,
     Judge,
@@ -38,6 +40,7 @@ from mapmyworld.types import (
 )
 
 _METRES, _RADIANS = 0.1, np.radians(0.75)  # by which no true closure misses the final poses
+_PRIOR = np.diag(1.0 / np.square([_METRES, _METRES, _RADIANS]))
 
 
 def refine_closures(
@@ -45,17 +48,38 @@ def refine_closures(
 ) -> tuple[Judged, ...]:
     """The constraints; accepted laser closures that miss the refined poses are measured anew.
 
-    The new measurements stand behind all others. What misses the poses still is rejected.
+    So is what scans did not decide, where the poses are known to better than rivals lie apart: the
+    graph decides it. The new measurements stand behind all others; they leave open what the scans
+    leave open. What was accepted and misses the poses still is rejected.
     """
     nodes = nodes_at(loaded, poses)
     row = {int(i): k for k, i in enumerate(nodes.ids)}
-    result, anew = list(constraints), []
+    off, session = _standard_deviations(poses, nodes.ids), joined_sessions(loaded, constraints)
+    result, anew = list(constraints), list[Judged]()
+
+    def is_decided(c: Judged) -> bool:
+        if not c.verdicts or c.verdicts[-1].why not in OPEN:
+            return False
+        a, b = row[c.from_id], row[c.to_id]
+        return bool(session[a] == session[b] and SIGMAS * np.hypot(off[a], off[b]) < APART[0])
+
     for k, c in enumerate(constraints):
-        if is_by_laser(c) and not _fits(c, nodes, row):
+        misses = is_by_laser(c) and not _fits(c, nodes, row)
+        if misses or is_decided(c):
             verdict, measured = _reviewed(c, nodes, row, config)
-            result[k] = c.judged(verdict)
+            if misses or measured:
+                result[k] = c.judged(verdict)
             anew += measured
     return (*result, *anew)
+
+
+def _standard_deviations(poses: Poses, ids: Index) -> Array:
+    """(N,) m of nodes, in the direction in which each is known least; infinite where none is."""
+    if poses.covariances is None:
+        return np.full(len(ids), np.inf)
+    row = {int(i): k for k, i in enumerate(poses.ids)}
+    spread = poses.covariances[[row[int(i)] for i in ids], 3:5, 3:5]
+    return np.asarray(np.sqrt(np.linalg.eigvalsh(spread)[:, -1]))
 
 
 def _fits(c: Constraint, nodes: LaserNodes, row: dict[int, int]) -> bool:
@@ -76,12 +100,11 @@ def _reviewed(
     assert isinstance(c.source, ScanMatch)
     a, b = row[c.from_id], row[c.to_id]
     guess = between_planar(nodes.poses[a], nodes.poses[b])
-    match = match_submaps(nodes, a, b, guess, config)
-    weak = is_degenerate(match.information)
+    match = match_submaps(nodes, a, b, guess, config, prior=_PRIOR)
     one, other = place_around(nodes, a, config), place_around(nodes, b, config)
     agreement = one.agreement_with(other, match.pose).evidence
     before = one.agreement_with(other, matrix_to_planar(c.i_from_j)).evidence
-    if weak or agreement < max(needed_evidence(_METRES, _RADIANS), before - MARGIN):
+    if agreement < max(needed_evidence(_METRES, _RADIANS), before - MARGIN):
         return _refusal(c, nodes, a, b), []
     overlap, residual = float(match.overlap), float(match.residual)
     numbers = {"overlap": overlap, "residual": residual}

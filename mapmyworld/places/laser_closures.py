@@ -55,7 +55,8 @@ from mapmyworld.types import (
 
 _KEPT = 16  # places, for neighbours are compared with the same ones
 _LONGER = 4  # times as long: submaps for what ordinary ones leave open
-_OPEN = Why.AMBIGUOUS_POSE, Why.AMBIGUOUS_PLACE, Why.DEGENERATE
+OPEN = Why.AMBIGUOUS_POSE, Why.AMBIGUOUS_PLACE, Why.DEGENERATE
+"""What scans do not decide: longer submaps may, or the final poses."""
 _AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two maps may differ by
 
 
@@ -113,7 +114,7 @@ def compare_places(
     while, seldom for a whole corridor.
     """
     found = _compare_all(nodes, pairs, config, widest, 1)
-    unclear = [k for k, c in enumerate(found) if c.verdicts[-1].why in _OPEN]
+    unclear = [k for k, c in enumerate(found) if c.verdicts[-1].why in OPEN]
     again = _compare_all(nodes, [pairs[k] for k in unclear], config, widest, _LONGER)
     for k, closure in zip(unclear, again, strict=True):
         if closure.accepted:

@@ -48,9 +48,9 @@ def refine_closures(
 ) -> tuple[Judged, ...]:
     """The constraints; accepted laser closures that miss the refined poses are measured anew.
 
-    So is what scans did not decide, where the poses are known to better than rivals lie apart: the
-    graph decides it. The new measurements stand behind all others; they leave open what the scans
-    leave open. What was accepted and misses the poses still is rejected.
+    So is what scans did not decide, where the poses are known to better than two that are compared
+    lie apart: the graph decides it. The new measurements stand behind all others; they leave open
+    what the scans leave open. What was accepted and misses the poses still is rejected.
     """
     nodes = nodes_at(loaded, poses)
     row = {int(i): k for k, i in enumerate(nodes.ids)}

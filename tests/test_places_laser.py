@@ -214,9 +214,10 @@ def test_neighbours_grow_with_the_drive_not_with_its_square() -> None:
 def test_first_visits_grow_with_the_area_not_with_the_laps() -> None:
     lap = np.stack([np.linspace(0, 30, 100), np.zeros(100), np.zeros(100)], axis=-1)
     back = lap[::-1] + np.array([0.0, 0.1, np.pi])
-    twice = among_first_revisits(np.concatenate([lap, back, lap, back]), 1)
+    poses, laps = np.concatenate([lap, back, lap, back]), np.tile(lap, (12, 1))
+    twice = among_first_revisits(poses[:, :2], poses[:, 2], 1)
     np.testing.assert_array_equal(twice, np.arange(400) < 200)  # a heading is a visit of its own
-    assert among_first_revisits(np.tile(lap, (12, 1)), 3).sum() == 300
+    assert among_first_revisits(laps[:, :2], laps[:, 2], 3).sum() == 300
 
 
 def test_other_visits_are_looked_for_among_some_only() -> None:

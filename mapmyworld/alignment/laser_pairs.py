@@ -20,16 +20,16 @@ _GAP = 9  # scans between two that are of different visits
 _SAME_PLACE, _SAME_HEADING = 0.5, 0.5  # m and rad within which a place is visited again
 
 
-def among_first_revisits(poses: NDArray[np.float64], revisits: int) -> NDArray[np.bool_]:
-    """(N,) which of `poses` (N, 3) are among the first `revisits` of their place and heading.
+def among_first_revisits(places: Array, headings: Array, revisits: int) -> NDArray[np.bool_]:
+    """(N,) which scans are among the first `revisits` of their place (N, D) and heading (N,).
 
     Their number grows with the area that was driven over, not with how often it was.
     """
-    tree, first = cKDTree(poses[:, :2]), np.zeros(len(poses), np.bool_)
-    for k, pose in enumerate(poses):
-        near = tree.query_ball_point(pose[:2], _SAME_PLACE, return_sorted=True)
+    tree, first = cKDTree(places), np.zeros(len(places), np.bool_)
+    for k, (place, heading) in enumerate(zip(places, headings, strict=True)):
+        near = tree.query_ball_point(place, _SAME_PLACE, return_sorted=True)
         before = np.array([i for i in near if i <= k - _GAP and first[i]], np.int64)
-        before = before[np.abs(wrap_angle(poses[before, 2] - pose[2])) < _SAME_HEADING]
+        before = before[np.abs(wrap_angle(headings[before] - heading)) < _SAME_HEADING]
         first[k] = np.count_nonzero(np.diff(before, prepend=-_GAP - 1) > _GAP) < revisits
     return first
 

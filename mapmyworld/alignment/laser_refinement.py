@@ -45,6 +45,7 @@ from mapmyworld.geometry.planar import (
 )
 from mapmyworld.graph.covariance import marginal_covariances
 from mapmyworld.odometry.sweep_noise import sweep_variances
+from mapmyworld.odometry.unobserved_motion import FARTHEST
 from mapmyworld.places.laser_nodes import NodeScans, sessions_of
 from mapmyworld.registration.scan_matching import FINE, ScanSet
 from mapmyworld.types import Judged, Node, Poses, Progress, TrackedFrames
@@ -156,14 +157,16 @@ def _aligned(task: _Task, poses: Array, landmarks: Array, progress: Progress) ->
     the area that was seen, and not with how often it was. What is stated holds the first ones: a
     node that it concerns is among them.
     """
-    first = among_first_revisits(poses, task.config.odometry.refine_references)
+    # Components that nothing joins may lie over each other: their places are not the same.
+    places = np.column_stack([poses[:, :2], FARTHEST * task.session[task.chosen]])
+    first = among_first_revisits(places, poses[:, 2], task.config.odometry.refine_references)
     first |= np.isin(task.chosen, task.statements.concerns(task.nodes))
     rows = np.flatnonzero(first)
     some = replace(task, chosen=task.chosen[rows], scans=task.scans.some(rows))
     shaped = _rounds(some, poses[rows], landmarks, np.zeros(len(rows), np.bool_), progress)
     if first.all():
         return shaped
-    near = cKDTree(poses[rows, :2]).query(poses[:, :2])[1]
+    near = cKDTree(places[rows]).query(places)[1]
     near[rows] = np.arange(len(rows))
     moved = _moved_with(poses, rows[near], shaped.poses[near])
     others = replace(task, statements=NOTHING)

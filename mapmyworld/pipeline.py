@@ -62,8 +62,7 @@ def build_map(
         raise ConfigError("places.vocabulary names a file, but its words were not given")
     record = StageRecord(store, _same_log(store, log))
     decided("settings", str(config))
-    plan = functools.cache(lambda: plan_log(log, config, progress))
-    deskewed_plan = functools.cache(lambda: deskewed(log, plan(), config, progress))
+    plan = functools.cache(lambda: deskewed(log, plan_log(log, config, progress), config, progress))
     given = (store, config, progress)
     first_read = FIRST_READ_BY_PARTICLES if method == "fastslam" else FIRST_READ
 
@@ -74,12 +73,12 @@ def build_map(
     if method == "fastslam":
         from mapmyworld.stages.track_particles import finish_particles, track_particles
 
-        run("track", lambda: track_particles(log, deskewed_plan(), *given), method)
+        run("track", lambda: track_particles(log, plan(), *given), method)
         log.let_go()
         run("fastslam", lambda: finish_particles(store, config))
     else:
         scans = scan_loader(store, config)
-        run("track", lambda: track(log, deskewed_plan(), *given))
+        run("track", lambda: track(log, plan(), *given))
         if lag := odometry_lag(log, plan, store, config):  # reported: it is tracked once more
             record.again("track", lambda: track(log, plan(), *given, lag_s=lag))
         log.let_go()

@@ -8,10 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import interpolate, transforms_of_rows
 
 FARTHEST = 1e9  # m from the origin beyond which a pose is no place on earth
 _FARTHEST_NS = 500_000_000  # from the nearest sample at which a pose is known
+COURSE = 0.5
+"""Seconds either way of a stamp: a robot keeps its course as long, and few stamps err by more."""
 _NEARBY = 64  # samples around the last look-up that are searched in an unsorted stream
 
 
@@ -138,6 +141,32 @@ class RecordedMotion:
             return np.asarray(transforms_of_rows(self._values[self._last])[0])
         found = self.at_many(np.array([stamp_ns], np.int64))
         return None if found is None else found[0]
+
+    def in_plane(self, stamps_ns: NDArray[np.int64]) -> Array:
+        """x, y and heading, unwrapped, (N, 3) at stamps (N,); the end poses outside the record."""
+        seconds, columns = self._columns
+        asked = (stamps_ns - self._first_ns) * 1e-9
+        return np.stack([np.interp(asked, seconds, column) for column in columns], axis=-1)
+
+    def velocity(self, stamp_ns: int) -> Array:
+        """(3,) m/s and rad/s in the plane, in the base frame: the mean of `COURSE` either way."""
+        around = round(COURSE * 1e9) * np.array([-1, 0, 1])
+        before, now, after = self.in_plane(stamp_ns + around)
+        (x, y, turned), (c, s) = after - before, (np.cos(now[2]), np.sin(now[2]))
+        return np.array([c * x + s * y, c * y - s * x, turned]) / (2.0 * COURSE)
+
+    @cached_property
+    def _columns(self) -> tuple[Array, Array]:
+        """Seconds (N,) since the first stamp, ascending; x, y and heading, unwrapped, (3, N)."""
+        order, stamps_ns = self._by_stamp
+        rows = self._values[order]
+        heading = np.unwrap(np.arctan2(rows[:, 1, 0], rows[:, 0, 0]))
+        seconds = np.asarray((stamps_ns - self._first_ns) * 1e-9, np.float64)
+        return seconds, np.stack([rows[:, 0, 3], rows[:, 1, 3], heading])
+
+    @cached_property
+    def _first_ns(self) -> int:
+        return int(self.stamps_ns.min())
 
     def at_many(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64] | None:
         """Poses (N, 4, 4) at stamps (N,) close to one another; None unless all are covered."""

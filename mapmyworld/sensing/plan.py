@@ -34,6 +34,10 @@ class ScanSource:
     """(4, 4)."""
     beams_are_timed: bool
     """Whether its messages report when each beam was taken."""
+    is_cloud: bool = False
+    """Whether it is a 3D lidar, of whose points a slice serves as scan."""
+    seconds_a_radian: float = 0.0
+    """By which untimed beams follow each other, where the log shows it; else 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

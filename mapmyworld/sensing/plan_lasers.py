@@ -141,9 +141,10 @@ def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
     elif not timed:
         draft.warnings.append(
             f"{stream.topic} does not say when each beam was taken (time_increment "
-            f"{scan.time_increment:g}): sweeps are not corrected for the robot's motion"
+            f"{scan.time_increment:g}): sweeps are deskewed if turns of the robot show it"
         )
-    return ScanSource(stream.topic, mount.base_from_sensor, timed)
+    is_cloud = isinstance(scan, PointCloudMessage)
+    return ScanSource(stream.topic, mount.base_from_sensor, timed, is_cloud)
 
 
 def _is_timed(scan: LaserScanMessage, stream: Stream) -> bool:

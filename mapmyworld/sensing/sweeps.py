@@ -21,12 +21,14 @@ def scan_from_message(
     message: LaserScanMessage,
     base_from_lidar: NDArray[np.float64],
     motion: RecordedMotion | None,
+    seconds_a_radian: float = 0.0,
 ) -> Scan:
     """The sweep in the base frame at the stamp of its first beam.
 
-    `base_from_lidar` is (4, 4). Beams with NaN, or closer than `range_min`, count neither as
-    returns nor as missing, which are infinite, beyond the maximum, or zero. Raises `LogError` where
-    the sweep does not say where its beams went.
+    `base_from_lidar` is (4, 4). Beams follow each other as the message says, or by
+    `seconds_a_radian` where that is given. Those with NaN, or closer than `range_min`, count
+    neither as returns nor as missing, which are infinite, beyond the maximum, or zero. Raises
+    `LogError` where the sweep does not say where its beams went.
     """
     if not (math.isfinite(message.angle_min) and math.isfinite(message.angle_increment)):
         raise LogError("a scan whose angles are not finite")
@@ -36,7 +38,10 @@ def scan_from_message(
     ways = np.stack([np.cos(angles[returned]), np.sin(angles[returned])], axis=-1)
     directions = ways @ base_from_lidar[:3, :2].T
     points = ranges[returned, None] * directions + base_from_lidar[:3, 3]
-    if motion is not None and message.time_increment > 0 and len(points) > 1:
+    if motion is not None and seconds_a_radian:
+        since_first = np.abs(angles[returned] - angles[0]) * seconds_a_radian
+        points = _moved_on(points, motion.velocity(message.stamp_ns), since_first)
+    elif motion is not None and message.time_increment > 0 and len(points) > 1:
         points = _without_motion(message, returned, points, motion)
     origin = matrix_to_planar(base_from_lidar)
     upward = np.copysign(1.0, base_from_lidar[2, 2])  # -1 where it hangs upside down
@@ -73,6 +78,17 @@ def _without_motion(
         return points
     places = beams.astype(np.float64) * (message.time_increment * 1e9 / step_ns)
     return moved_between_knots(points, places, between(poses[0], poses))
+
+
+def _moved_on(points: Array, velocity: Array, seconds: Array) -> Array:
+    """Points (N, 3) seen `seconds` (N,) later by a base that moves at `velocity` (3,) in its plane.
+
+    It goes along an arc, whose chord lies halfway between the headings at its ends.
+    """
+    halfway = np.exp(0.5j * velocity[2] * seconds)
+    way = (velocity[0] + 1j * velocity[1]) * seconds
+    seen = halfway * (halfway * (points[:, 0] + 1j * points[:, 1]) + way)
+    return np.stack([seen.real, seen.imag, points[:, 2]], axis=-1)
 
 
 def moved_between_knots(points: Array, places: Array, moved: Array) -> Array:

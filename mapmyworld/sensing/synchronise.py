@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -78,6 +79,46 @@ def read_frames(
     yield from synchroniser.ready(None)
 
 
+def scans_near(
+    log: LogSource,
+    plan: Plan,
+    stamps_ns: NDArray[np.int64],
+    config: SensingConfig,
+    watch: Callable[[int], None],
+) -> list[LaserScanMessage | None]:
+    """Of each stamp (N,) the scan nearest to it, with the stamp that the plan gives it.
+
+    None where that cannot be decoded; `watch` gets the log time reached.
+    """
+    assert plan.scan is not None
+    topic = plan.scan.topic
+    offset_ns = _offsets_ns(plan, config).get(topic, 0)
+    order = np.argsort(stamps_ns, kind="stable")
+    wanted = stamps_ns[order]
+    nearest = dict[int, tuple[int, RawMessage, int]]()
+    for raw in log.messages([topic]):
+        stamp_ns = _stamp_ns(raw, plan) + offset_ns
+        after = int(wanted.searchsorted(stamp_ns))
+        for k in range(max(after - 1, 0), min(after + 1, len(wanted))):
+            apart = abs(stamp_ns - int(wanted[k]))
+            if k not in nearest or apart < nearest[k][0]:
+                nearest[k] = apart, raw, stamp_ns
+        watch(raw.log_time_ns)
+    found: list[LaserScanMessage | None] = [None] * len(wanted)
+    for k, (_, raw, stamp_ns) in nearest.items():
+        with contextlib.suppress(LogError):
+            message = raw.decode()
+            if isinstance(message, LaserScanMessage):
+                found[order[k]] = replace(message, stamp_ns=stamp_ns)
+    return found
+
+
+def _stamp_ns(raw: RawMessage, plan: Plan) -> int:
+    """When a message was taken, by its header where the plan believes it and it has one."""
+    stamped = None if plan.use_log_time else raw.stamp_ns
+    return raw.log_time_ns if stamped is None else stamped
+
+
 class _Synchroniser:
     def __init__(self, plan: Plan, config: SensingConfig, counts: FrameCounts) -> None:
         self.plan, self.config, self.counts = plan, config, counts
@@ -95,9 +136,7 @@ class _Synchroniser:
             self.main_topic = plan.camera.colour_topic
 
     def add(self, raw: RawMessage) -> None:
-        stamp = raw.log_time_ns if self.plan.use_log_time else raw.stamp_ns
-        stamp = raw.log_time_ns if stamp is None else stamp
-        pending = Pending(raw, stamp + self.offsets_ns.get(raw.topic, 0))
+        pending = Pending(raw, _stamp_ns(raw, self.plan) + self.offsets_ns.get(raw.topic, 0))
         is_main = raw.topic == self.main_topic
         if is_main:
             self.main.append(pending)
@@ -186,8 +225,9 @@ class _Synchroniser:
         if message.stamp_ns != main.stamp_ns:
             message = replace(message, stamp_ns=main.stamp_ns)
         motion = odometry.motion if odometry else self.plan.sweep_motion
-        motion = motion if source.beams_are_timed else None
-        return scan_from_message(message, source.base_from_lidar, motion), None
+        motion = motion if source.beams_are_timed or source.seconds_a_radian else None
+        scan = scan_from_message(message, source.base_from_lidar, motion, source.seconds_a_radian)
+        return scan, None
 
     def _main_image(self, main: Pending) -> RgbdImage | None:
         """The image that a frame begins with; colour alone where only images measure the motion."""

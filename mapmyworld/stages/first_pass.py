@@ -1,7 +1,8 @@
 """What a log shows when its laser is followed a first time, before the map is made.
 
-Its odometry's calibration. Where there is none, how the robot moved within sweeps: one that is not
-deskewed is bent, and shows where the robot was half a sweep after the stamp.
+Its odometry's calibration, and how fast the laser sweeps where it does not say. Without odometry,
+how the robot moved within sweeps: one that is not deskewed is bent, and shows where the robot was
+half a sweep after the stamp.
 """
 
 from __future__ import annotations
@@ -10,11 +11,15 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from mapmyworld.config import Config
+from mapmyworld.decisions import decided
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.parallel import batches
+from mapmyworld.places.path_drift import SIGMAS
 from mapmyworld.sensing import Plan, read_frames
-from mapmyworld.sensing.motion import MotionRecorder
+from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
+from mapmyworld.sensing.plan import Decision, ScanSource
+from mapmyworld.sensing.synchronise import scans_near
 from mapmyworld.stages.plan_log import stage_of_log
 from mapmyworld.stages.trackers import AT_ONCE
 from mapmyworld.types import Frame, LogSource, Progress
@@ -30,16 +35,55 @@ def wheels_of_log(log: LogSource, plan: Plan, config: Config, progress: Progress
 
 
 def deskewed(log: LogSource, plan: Plan, config: Config, progress: Progress) -> Plan:
-    """The plan with the laser's own motion where beams are timed and there is no odometry."""
-    if plan.odometry is not None or plan.scan is None or not plan.scan.beams_are_timed:
+    """The plan with what sweeps are deskewed by.
+
+    The laser's own motion, where there is no odometry; and how fast it sweeps, where its messages
+    do not say.
+    """
+    scan = plan.scan
+    if scan is None or scan.is_cloud:
         return plan
+    motion = plan.odometry.motion if plan.odometry else _own_motion(log, plan, config, progress)
+    if plan.odometry is None:
+        plan = replace(plan, sweep_motion=motion)
+    if scan.beams_are_timed or not len(motion):
+        return plan
+    return _with_beam_times(log, plan, scan, motion, config, progress)
+
+
+def _own_motion(log: LogSource, plan: Plan, config: Config, progress: Progress) -> RecordedMotion:
+    """The motion of a laser whose sweeps are as they are."""
     from mapmyworld.odometry.laser_odometry import LaserTracker
 
     tracker, motion = LaserTracker(config), MotionRecorder()
     for frames in _by_laser("deskew sweeps", log, plan, config, progress):
         for frame, moment in zip(frames, tracker.track_all(frames), strict=True):
             motion.add(frame.stamp_ns, planar_to_matrix(moment.pose))
-    return replace(plan, sweep_motion=motion.finish())
+    return motion.finish()
+
+
+def _with_beam_times(
+    log: LogSource, plan: Plan, scan: ScanSource, motion: RecordedMotion, config: Config,
+    progress: Progress,
+) -> Plan:  # fmt: skip
+    """The plan with how fast its laser sweeps, where turns show it, and what was found of that."""
+    from mapmyworld.odometry.beam_times import beam_times, turning_moments
+
+    moments, watch = turning_moments(motion), stage_of_log("time beams", log, progress)
+    nearest = scans_near(log, plan, moments.ravel(), config.sensing, watch)
+    pairs = [(a, b) for a, b in zip(nearest[::2], nearest[1::2], strict=True) if a and b]
+    found = beam_times(pairs, scan.base_from_lidar, motion, config.registration)
+    choice, seconds = "", 0.0
+    reason = f"{1e3 * found.seconds:.1f} +- {1e3 * found.sigma:.1f} ms a radian"
+    reason += f" by {found.pairs} pairs of scans where the robot turns"
+    if abs(found.seconds) > SIGMAS * found.sigma:
+        choice, seconds = "measured", found.seconds
+    decided("plan", f"beam times: {choice or 'none'}: {reason}")
+    return replace(
+        plan,
+        scan=replace(scan, seconds_a_radian=seconds),
+        decisions=(*plan.decisions, Decision("beam times", choice, reason)),
+    )
 
 
 def _by_laser(

@@ -2,9 +2,9 @@
 
     python benchmarks/sweep_rate.py LOG...
 
-Milliseconds a radian of the sweep, with the standard error. What messages state is not used: where
-they do, it is what the measurement should come to, unless wheels or stamps say little of how the
-robot turned (it is less then).
+Milliseconds a radian of the sweep, with the standard error. What messages state is not used: the
+measurement should come to it where they do. It is less where wheels or stamps indicate little of
+how the robot turned.
 """
 
 from __future__ import annotations

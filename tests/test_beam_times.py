@@ -92,7 +92,7 @@ def test_no_scans_show_no_beam_times() -> None:
 
 @pytest.mark.parametrize("wheels", [True, False])
 def test_a_laser_that_does_not_time_its_beams_maps_as_well(wheels: bool) -> None:
-    """Of ten turns a second: what a robot sees that turns by 0.6 rad/s is stretched by a hundredth."""
+    """Of ten turns a second: turning by 0.6 rad/s stretches what is seen by a hundredth."""
     settings = SimulationSettings()
     laser = replace(settings.laser, beams=181, field_of_view=180.0, range_max=12.0)
     settings = replace(settings, laser=laser, camera=replace(settings.camera, enabled=False))

@@ -4,7 +4,7 @@ A beam is taken some seconds a radian after the one ahead, and the robot goes on
 what it sees is stretched or squeezed as it turns. Two scans of one place whose robot turned at
 different rates are aligned by point to line, and these seconds are a fourth unknown beside the
 pose, of all pairs together. The motion is that by which sweeps are deskewed afterwards
-(`RecordedMotion.velocity`): where stamps say little of it, the seconds come out small.
+(`RecordedMotion.velocity`): where stamps indicate little of it, the seconds come out small.
 """
 
 from __future__ import annotations

@@ -15,7 +15,6 @@ from mapmyworld.decisions import decided
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.parallel import batches
-from mapmyworld.places.path_drift import SIGMAS
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
 from mapmyworld.sensing.plan import Decision, ScanSource
@@ -31,7 +30,7 @@ def wheels_of_log(log: LogSource, plan: Plan, config: Config, progress: Progress
         return None
     from mapmyworld.odometry.wheel_calibration import calibrated_wheels
 
-    return calibrated_wheels(_by_laser("calibrate odometry", log, plan, config, progress), config)
+    return calibrated_wheels(_by_laser("calibrate", log, plan, config, progress), config)
 
 
 def deskewed(log: LogSource, plan: Plan, config: Config, progress: Progress) -> Plan:
@@ -68,8 +67,9 @@ def _with_beam_times(
 ) -> Plan:  # fmt: skip
     """The plan with how fast its laser sweeps, where turns show it, and what was found of that."""
     from mapmyworld.odometry.beam_times import beam_times, turning_moments
+    from mapmyworld.places.path_drift import SIGMAS
 
-    moments, watch = turning_moments(motion), stage_of_log("time beams", log, progress)
+    moments, watch = turning_moments(motion), stage_of_log("calibrate", log, progress)
     nearest = scans_near(log, plan, moments.ravel(), config.sensing, watch)
     pairs = [(a, b) for a, b in zip(nearest[::2], nearest[1::2], strict=True) if a and b]
     found = beam_times(pairs, scan.base_from_lidar, motion, config.registration)

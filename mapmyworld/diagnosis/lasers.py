@@ -53,7 +53,7 @@ def _beside_half_a_sweep(found: Finding, frames: list[Frame], scan: ScanSource |
     """A time offset; where nothing reports when a beam was taken, half a sweep of it is no news."""
     period = float(np.median(np.diff([f.stamp_ns for f in frames if f.scan]))) * 1e-9
     is_half = found.unit == "s" and abs(found.value) < _HALF * period
-    if found.good or scan is None or scan.beams_are_timed or not is_half:
+    if found.good or scan is None or scan.is_deskewed or not is_half:
         return found
     return replace(
         found,

@@ -21,11 +21,9 @@ def odometry_yaw(plan: Plan, first_ns: int) -> tuple[Array, Array] | None:
     source = plan.odometry
     if source is None or len(source.motion) < 2:
         return None
-    poses = source.motion.poses_at(slice(None))
-    times = (source.motion.stamps_ns - first_ns) * 1e-9
-    order = np.argsort(times, kind="stable")
-    yaw = np.unwrap(np.arctan2(poses[order, 1, 0], poses[order, 0, 0]))
-    return np.asarray(times[order], np.float64), np.asarray(yaw, np.float64)
+    stamps_ns = np.sort(source.motion.stamps_ns)
+    times = np.asarray((stamps_ns - first_ns) * 1e-9, np.float64)
+    return times, source.motion.in_plane(stamps_ns)[:, 2]
 
 
 def take_sample(log: LogSource, plan: Plan, config: SensingConfig) -> list[Frame]:

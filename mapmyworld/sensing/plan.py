@@ -39,6 +39,11 @@ class ScanSource:
     seconds_a_radian: float = 0.0
     """By which untimed beams follow each other, where the log shows it; else 0."""
 
+    @property
+    def is_deskewed(self) -> bool:
+        """Whether it is known when each beam was taken."""
+        return self.beams_are_timed or self.seconds_a_radian != 0.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraSource:

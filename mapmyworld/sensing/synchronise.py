@@ -225,7 +225,7 @@ class _Synchroniser:
         if message.stamp_ns != main.stamp_ns:
             message = replace(message, stamp_ns=main.stamp_ns)
         motion = odometry.motion if odometry else self.plan.sweep_motion
-        motion = motion if source.beams_are_timed or source.seconds_a_radian else None
+        motion = motion if source.is_deskewed else None
         scan = scan_from_message(message, source.base_from_lidar, motion, source.seconds_a_radian)
         return scan, None
 

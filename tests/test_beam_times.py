@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from messages_in_memory import scan_at
-from room_drive import START_NS, ranges_in_room
+from room_drive import START_NS, STEP_NS, drive, ranges_in_room
 from scipy.spatial import cKDTree
 
 from mapmyworld.api import Silent, build
@@ -88,6 +88,20 @@ def test_no_scans_show_no_beam_times() -> None:
     motion = recorder.finish()
     assert len(turning_moments(motion)) == 1
     assert np.isinf(beam_times([], AHEAD, motion, Config().registration).sigma)
+
+
+def test_sweeps_stay_as_they_are_where_turns_do_not_show_how_fast() -> None:
+    """All beams are taken at once; and a robot that stands."""
+    moving = drive(80).entries
+    times = [START_NS + k * STEP_NS for k in range(40)]
+    standing = [(t, replace(m, stamp_ns=time), time) for time in times for t, m, _ in moving[1:3]]
+    for entries, reason in (moving, "ms a radian by"), ([moving[0], *standing], "no pair of scans"):
+        log = MemoryLog(entries)
+        plan = deskewed(log, plan_log(log, Config(), Silent()), Config(), Silent())
+        assert plan.scan is not None
+        assert plan.scan.seconds_a_radian == 0.0
+        assert reason in plan.decisions[-1].reason
+        assert not plan.decisions[-1].choice
 
 
 @pytest.mark.parametrize("wheels", [True, False])

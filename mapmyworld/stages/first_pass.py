@@ -73,12 +73,14 @@ def _with_beam_times(
     nearest = scans_near(log, plan, moments.ravel(), config.sensing, watch)
     pairs = [(a, b) for a, b in zip(nearest[::2], nearest[1::2], strict=True) if a and b]
     found = beam_times(pairs, scan.base_from_lidar, motion, config.registration)
-    choice, seconds = "", 0.0
-    reason = f"{1e3 * found.seconds:.1f} +- {1e3 * found.sigma:.1f} ms a radian"
-    reason += f" by {found.pairs} pairs of scans where the robot turns"
+    choice, seconds, reason = "", 0.0, "no pair of scans where the robot turns shows beam times"
+    if found.pairs:
+        measured = f"{1e3 * found.seconds:.1f} +- {1e3 * found.sigma:.1f} ms a radian"
+        reason = f"{measured} by {found.pairs} pairs of scans where the robot turns"
     if abs(found.seconds) > SIGMAS * found.sigma:
         choice, seconds = "measured", found.seconds
     decided("plan", f"beam times: {choice or 'none'}: {reason}")
+    progress.note(f"sweeps are {'' if choice else 'not '}deskewed: {reason}")
     return replace(
         plan,
         scan=replace(scan, seconds_a_radian=seconds),

@@ -61,6 +61,18 @@ def test_a_stall_is_interpolated_whole_though_the_robot_went_slowly() -> None:
     assert np.allclose(found.poses_at(slice(None)), poses, atol=1e-9)
 
 
+def test_a_stall_may_have_begun_in_the_silence_before_it() -> None:
+    """What follows 4 s of silence repeats a pose of 3 s before: it is no measure of then."""
+    motion, poses = drive(slice(90, 131))
+    kept = np.r_[:80, 121:200]
+    stamps, shown = motion.stamps_ns[kept], motion.poses_at(kept)
+    found, count = without_stalls(RecordedMotion(stamps, shown[:, :3]))
+    assert count == 1
+    assert np.allclose(found.poses_at(slice(None)), poses[kept], atol=1e-9)
+    assert found.is_interpolated(int(motion.stamps_ns[121]))
+    assert not found.is_interpolated(int(motion.stamps_ns[131]))
+
+
 def test_a_robot_that_stands_and_goes_on_is_left_alone() -> None:
     motion, poses = drive(slice(80, 81))
     values = np.concatenate([poses[:80], np.repeat(poses[80:81], 40, 0), poses[80:]])

@@ -44,7 +44,10 @@ def without_stalls(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
     since = stamps[ends + 1] - (1e9 * needed).astype(np.int64)
     last_still = np.searchsorted(stamps, since, "right") - 1
     begins = np.maximum.accumulate(np.where(stands, 0, np.arange(1, len(stands) + 1)))
-    begins = np.maximum(begins[ends - 1], last_still)
+    firsts = begins[ends - 1]
+    # What follows a silence may repeat a pose of before: nothing shows when the stall began.
+    silent = np.append(np.inf, seconds)[firsts] > np.quantile(seconds, _RARE)
+    begins = np.maximum(np.where(silent & (firsts > 0), firsts - 1, firsts), last_still)
     interpolated = np.zeros(len(poses), np.bool_)
     is_stall = (moved > median[longer] * seconds[ends]) & (begins < ends)
     for begin, end in zip(begins[is_stall].tolist(), ends[is_stall].tolist(), strict=True):

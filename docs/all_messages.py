@@ -82,7 +82,7 @@ BY_WORDS = {
     "when each beam was taken": "nothing, or have the driver fill time_increment",
     "of scans where the robot turns": "nothing, or have the driver fill time_increment",
     "deskewed: ": "nothing, or have the driver fill time_increment",
-    "ms a radian": "nothing, or have the driver fill time_increment",
+    "ms per radian": "nothing, or have the driver fill time_increment",
     "3D points serve as flat scans": "nothing; turn slowly, or record a planar laser as well",
     "no odometry in the log": "nothing; with odometry long corridors come out better",
     "reports no motion of": "name a topic of those that do, or omit the setting",

@@ -18,6 +18,7 @@ from mapmyworld.memory_log import MemoryLog
 from mapmyworld.odometry.beam_times import beam_times, turning_moments
 from mapmyworld.sensing.motion import MotionRecorder
 from mapmyworld.sensing.sweeps import scan_from_message
+from mapmyworld.sensing.synchronise import scans_near
 from mapmyworld.simulation import SimulationSettings, simulate
 from mapmyworld.simulation.message_streams import ODOMETRY_TOPIC, TF_TOPIC
 from mapmyworld.stages.first_pass import deskewed
@@ -95,13 +96,25 @@ def test_sweeps_stay_as_they_are_where_turns_do_not_show_how_fast() -> None:
     moving = drive(80).entries
     times = [START_NS + k * STEP_NS for k in range(40)]
     standing = [(t, replace(m, stamp_ns=time), time) for time in times for t, m, _ in moving[1:3]]
-    for entries, reason in (moving, "ms a radian by"), ([moving[0], *standing], "no pair of scans"):
+    for entries, reason in (
+        (moving, "ms per radian by"),
+        ([moving[0], *standing], "no pair of scans"),
+    ):
         log = MemoryLog(entries)
         plan = deskewed(log, plan_log(log, Config(), Silent()), Config(), Silent())
         assert plan.scan is not None
         assert plan.scan.seconds_a_radian == 0.0
         assert reason in plan.decisions[-1].reason
         assert not plan.decisions[-1].choice
+
+
+def test_each_moment_has_the_scan_nearest_to_it_however_often_it_is_asked_for() -> None:
+    log = MemoryLog(drive(20).entries)
+    plan = plan_log(log, Config(), Silent())
+    asked = START_NS + STEP_NS * np.array([5, 3, 5, 5, 8]) + np.array([0, 1, 0, -1, 2])
+    found = scans_near(log, plan, asked, Config().sensing, lambda _: None)
+    stamps = [START_NS + STEP_NS * k for k in (5, 3, 5, 5, 8)]
+    assert [scan and scan.stamp_ns for scan in found] == stamps
 
 
 @pytest.mark.parametrize("wheels", [True, False])

@@ -145,7 +145,7 @@ class RecordedMotion:
     def in_plane(self, stamps_ns: NDArray[np.int64]) -> Array:
         """x, y and heading, unwrapped, (N, 3) at stamps (N,); the end poses outside the record."""
         seconds, columns = self._columns
-        asked = (stamps_ns - self._first_ns) * 1e-9
+        asked = (stamps_ns - self._by_stamp[1][0]) * 1e-9
         return np.stack([np.interp(asked, seconds, column) for column in columns], axis=-1)
 
     def velocity(self, stamp_ns: int) -> Array:
@@ -161,12 +161,8 @@ class RecordedMotion:
         order, stamps_ns = self._by_stamp
         rows = self._values[order]
         heading = np.unwrap(np.arctan2(rows[:, 1, 0], rows[:, 0, 0]))
-        seconds = np.asarray((stamps_ns - self._first_ns) * 1e-9, np.float64)
+        seconds = np.asarray((stamps_ns - stamps_ns[0]) * 1e-9, np.float64)
         return seconds, np.stack([rows[:, 0, 3], rows[:, 1, 3], heading])
-
-    @cached_property
-    def _first_ns(self) -> int:
-        return int(self.stamps_ns.min())
 
     def at_many(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64] | None:
         """Poses (N, 4, 4) at stamps (N,) close to one another; None unless all are covered."""

@@ -93,8 +93,7 @@ def scans_near(
     assert plan.scan is not None
     topic = plan.scan.topic
     offset_ns = _offsets_ns(plan, config).get(topic, 0)
-    order = np.argsort(stamps_ns, kind="stable")
-    wanted = stamps_ns[order]
+    wanted, rows = np.unique(stamps_ns, return_inverse=True)
     nearest = dict[int, tuple[int, RawMessage, int]]()
     for raw in log.messages([topic]):
         stamp_ns = _stamp_ns(raw, plan) + offset_ns
@@ -104,13 +103,13 @@ def scans_near(
             if k not in nearest or apart < nearest[k][0]:
                 nearest[k] = apart, raw, stamp_ns
         watch(raw.log_time_ns)
-    found: list[LaserScanMessage | None] = [None] * len(wanted)
+    found = dict[int, LaserScanMessage]()
     for k, (_, raw, stamp_ns) in nearest.items():
         with contextlib.suppress(LogError):
             message = raw.decode()
             if isinstance(message, LaserScanMessage):
-                found[order[k]] = replace(message, stamp_ns=stamp_ns)
-    return found
+                found[k] = replace(message, stamp_ns=stamp_ns)
+    return [found.get(k) for k in rows.tolist()]
 
 
 def _stamp_ns(raw: RawMessage, plan: Plan) -> int:

@@ -73,9 +73,9 @@ def _with_beam_times(
     nearest = scans_near(log, plan, moments.ravel(), config.sensing, watch)
     pairs = [(a, b) for a, b in zip(nearest[::2], nearest[1::2], strict=True) if a and b]
     found = beam_times(pairs, scan.base_from_lidar, motion, config.registration)
-    choice, seconds, reason = "", 0.0, "no pair of scans where the robot turns shows beam times"
+    choice, seconds, reason = "", 0.0, "no pair of scans where the robot turns"
     if found.pairs:
-        measured = f"{1e3 * found.seconds:.1f} +- {1e3 * found.sigma:.1f} ms a radian"
+        measured = f"{1e3 * found.seconds:.1f} +- {1e3 * found.sigma:.1f} ms per radian"
         reason = f"{measured} by {found.pairs} pairs of scans where the robot turns"
     if abs(found.seconds) > SIGMAS * found.sigma:
         choice, seconds = "measured", found.seconds

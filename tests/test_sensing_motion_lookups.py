@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, strategies
 
 from mapmyworld.geometry.rigid import between, interpolate, invert, se3_exp, transform_points
+from mapmyworld.kernels.recorded_motion import moved_between_knots
 from mapmyworld.sensing.motion import RecordedMotion
-from mapmyworld.sensing.sweeps import moved_between_knots
 
 seeds = strategies.integers(0, 2**32 - 1)
 

@@ -30,7 +30,7 @@ from mapmyworld.types import Node
 _LENGTH = 5.0  # m of path that make a place: no tracking drifts much in so little
 _AWAY = 15.0  # m of path between two visits of a place
 _NEAR = 8.0  # m between the middles of places that share surfaces
-_AT_ONCE = 8  # places that are held in memory
+_AT_ONCE = 32  # places that are held in memory
 _CHANCE = 0.01  # of evidence beyond `MARGIN` against a pose that is right; and of a false alarm
 
 

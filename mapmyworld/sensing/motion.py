@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.rigid import interpolate, transforms_of_rows
+from mapmyworld.geometry.rigid import transforms_of_rows
 
 FARTHEST = 1e9  # m from the origin beyond which a pose is no place on earth
 _FARTHEST_NS = 500_000_000  # from the nearest sample at which a pose is known
@@ -166,18 +166,14 @@ class RecordedMotion:
 
     def at_many(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64] | None:
         """Poses (N, 4, 4) at stamps (N,) close to one another; None unless all are covered."""
+        from mapmyworld.kernels.recorded_motion import poses_at
+
         if not len(self):
             return None
         samples = slice(None) if self.is_sorted else self._window(int(stamps_ns[0]))
         stamps, values = self.stamps_ns[samples], self._values[samples]
-        after = np.minimum(stamps.searchsorted(stamps_ns), len(stamps) - 1)
-        before = np.maximum(np.where(stamps[after] > stamps_ns, after - 1, after), 0)
-        since, until = stamps_ns - stamps[before], stamps[after] - stamps_ns
-        if (np.minimum(np.abs(since), np.abs(until)) > _FARTHEST_NS).any():
-            return None
-        share = np.clip(since / np.maximum(since + until, 1), 0.0, 1.0)
-        ends = transforms_of_rows(values[before]), transforms_of_rows(values[after])
-        return interpolate(*ends, share)
+        found = np.empty((len(stamps_ns), 4, 4))
+        return found if poses_at(stamps, values, stamps_ns, _FARTHEST_NS, found) else None
 
     def poses_at(self, indices: NDArray[np.int64] | slice) -> NDArray[np.float64]:
         """Poses (N, 4, 4) of samples `indices` (N,), counted in the order of the log."""

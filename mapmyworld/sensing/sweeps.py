@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.errors import LogError
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
-from mapmyworld.geometry.rigid import between, transform_points
+from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.types import LaserScanMessage, Scan
 
@@ -34,9 +35,8 @@ def scan_from_message(
         raise LogError("a scan whose angles are not finite")
     ranges, (returned,) = message.ranges, valid_ranges(message).nonzero()
     empty = (ranges >= _limits(message)[1]) | (ranges == 0.0)
-    angles = message.angle_min + message.angle_increment * np.arange(len(ranges))
-    ways = np.stack([np.cos(angles[returned]), np.sin(angles[returned])], axis=-1)
-    directions = ways @ base_from_lidar[:3, :2].T
+    angles, ways = _beams(message.angle_min, message.angle_increment, len(ranges))
+    directions = ways[returned] @ base_from_lidar[:3, :2].T
     points = ranges[returned, None] * directions + base_from_lidar[:3, 3]
     if motion is not None and seconds_a_radian:
         since_first = np.abs(angles[returned] - angles[0]) * seconds_a_radian
@@ -56,6 +56,13 @@ def scan_from_message(
     )
 
 
+@functools.lru_cache(4)  # a laser's sweeps have the same beams, sweep after sweep
+def _beams(first: float, step: float, count: int) -> tuple[Array, Array]:
+    """Angles (N,) of so many beams and their directions (N, 2) in the laser's plane."""
+    angles = np.asarray(first + step * np.arange(count), np.float64)
+    return angles, np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+
+
 def valid_ranges(scan: LaserScanMessage) -> NDArray[np.bool_]:
     """(N,) which beams came back from something: finite, above the minimum, below the maximum."""
     low, high = _limits(scan)
@@ -72,6 +79,8 @@ def _without_motion(
     message: LaserScanMessage, beams: NDArray[np.int64], points: Array, motion: RecordedMotion
 ) -> Array:
     """The points (N, 3), moved from where the base was at their beams to where it was at first."""
+    from mapmyworld.kernels.recorded_motion import moved_between_knots
+
     step_ns = message.time_increment * 1e9 * (len(message.ranges) - 1) / (_KNOTS - 1)
     poses = motion.at_many(message.stamp_ns + (np.arange(_KNOTS) * step_ns).astype(np.int64))
     if poses is None:
@@ -89,15 +98,3 @@ def _moved_on(points: Array, velocity: Array, seconds: Array) -> Array:
     way = (velocity[0] + 1j * velocity[1]) * seconds
     seen = halfway * (halfway * (points[:, 0] + 1j * points[:, 1]) + way)
     return np.stack([seen.real, seen.imag, points[:, 2]], axis=-1)
-
-
-def moved_between_knots(points: Array, places: Array, moved: Array) -> Array:
-    """Points (N, 3) moved by the motion at their places (N,), counted in knots, (N, 3).
-
-    `moved` (K, 4, 4) is the motion at the knots; between two they move in straight lines.
-    """
-    places = np.clip(places, 0.0, len(moved) - 1)
-    lower = np.minimum(places.astype(np.int64), len(moved) - 2)
-    share, each = (places - lower)[:, None], np.arange(len(points))
-    at_knots = transform_points(moved, points)
-    return np.asarray((1.0 - share) * at_knots[lower, each] + share * at_knots[lower + 1, each])

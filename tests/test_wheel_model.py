@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mapmyworld.geometry.planar import between_planar, compose_planar
-from mapmyworld.kernels.laser_motion import innovation, robust_ratio
+from mapmyworld.kernels.laser_motion import innovation, robust_ratio, step_covariance
 from mapmyworld.kernels.wheel_model import (
     CERTAINTY,
     MOUNT,
@@ -116,3 +116,22 @@ def test_outliers_show_little_of_a_variance_and_normal_errors_all_of_it() -> Non
     assert np.mean([robust_ratio(s, 3) for s in squared]) == pytest.approx(1.0, abs=0.01)
     outliers = np.where(random.random(len(squared)) < 0.1, 300.0, squared)
     assert 1.0 < np.mean([robust_ratio(s, 3) for s in outliers]) < 1.3
+
+
+def test_along_a_corridor_errors_add_up_as_those_of_odometry_and_otherwise_as_in_a_room() -> None:
+    """A keyframe's way in ten steps. All of its covariance was added at every one of them."""
+    sums = []
+    for along in (0.1, 1e4):
+        wheels, total, step = new_wheels(), np.zeros((3, 3)), np.array([0.05, 0.0, 0.0])
+        before = at_first = reckoned_variances(wheels)
+        for _ in range(10):
+            reckon(wheels, step)
+            variances = reckoned_variances(wheels)
+            known = np.diag([along, 1e4, 1e5])
+            total += step_covariance(step, known, variances, variances - before, 0.5, 0.5)
+            before = variances
+        sums.append(total.diagonal())
+    corridor, room = sums
+    assert corridor[0] == pytest.approx((before - at_first)[0], rel=0.02)
+    assert corridor[1:] == pytest.approx(room[1:], rel=0.01)
+    assert 20.0 * room[0] < corridor[0]

@@ -10,7 +10,6 @@ from mapmyworld.kernels.planar_algebra import invert3, relative
 
 FAINT = 1e-3  # information that keeps an open direction finite
 _RATIO = 12.0  # sigma along the weakest direction over sigma along the strongest
-_STILL = 0.03  # of a keyframe's distance: less is no motion
 _LEAST_SHARE = 0.01  # of a match's covariance that every step adds
 STEP_VARIANCE = 1e-8  # m^2 and rad^2, at least, of any step
 _FREEDOM = 4.0  # degrees of freedom of Student's t, which errors with outliers follow
@@ -94,27 +93,28 @@ def is_degenerate(information: Array) -> bool:
 
 @jit
 def step_covariance(
-    step: Array,
-    information: Array,
-    variances: Array,
-    keyframe_distance: float,
+    step: Array, information: Array, variances: Array, grown: Array, keyframe_distance: float,
     keyframe_angle: float,
-    has_odometry: bool,
-) -> Array:
+) -> Array:  # fmt: skip
     """Covariance (3, 3) of a matched `step` (3,): errors add up from keyframe to keyframe only.
 
-    By the match's `information` (3, 3) and the prediction's `variances` (3,).
+    By the match's `information` (3, 3) and the prediction's `variances` (3,), of which this step
+    has added those `grown` (3,): a direction that the match leaves open rests on the prediction,
+    whose errors add up step by step.
     """
     moved = max(np.hypot(step[0], step[1]) / keyframe_distance, abs(step[2]) / keyframe_angle)
     share = min(max(moved, _LEAST_SHARE), 1.0)
-    if (moved > _STILL or not has_odometry) and is_degenerate(information):
-        share = 1.0  # the open direction rests on a prediction, whose errors add up step by step
     total = information.copy()
     for i in range(3):
         total[i, i] += 1.0 / variances[i] + FAINT
     covariance: Array = invert3(total)
+    half = 0.5 * np.arctan2(2.0 * covariance[0, 1], covariance[0, 0] - covariance[1, 1])
+    along, missing = np.array([np.cos(half), np.sin(half), 0.0]), 0.0  # where least is known
+    if is_degenerate(information):
+        known = along @ covariance @ along
+        missing = max(np.sum(along * along * grown) - share * known, 0.0)
     for i in range(3):
         for j in range(3):
-            covariance[i, j] *= share
+            covariance[i, j] = share * covariance[i, j] + along[i] * along[j] * missing
         covariance[i, i] += STEP_VARIANCE
     return covariance

@@ -230,13 +230,14 @@ def track_scans(
             for i in range(3):
                 predicted[i] = reckoned[i]
             variances = reckoned_variances(wheels)
+            grown = variances - reckoned_variances(before)
         else:
             before = wheels
             c, s = np.cos(state[2]), np.sin(state[2])
             predicted[0] = state[0] + c * state[3] - s * state[4]
             predicted[1] = state[1] + s * state[3] + c * state[4]
             predicted[2] = wrapped(state[2] + state[5])
-            variances = next_variances(steps)
+            variances = grown = next_variances(steps)
         for i in range(3):
             known[i, i] = 1.0 / variances[i]
         which = chosen_keyframes(back, keys, len(key_counts))
@@ -255,9 +256,7 @@ def track_scans(
         out[k, 6] = 1.0 if is_degenerate(information) else 0.0
         if not has_odometry:
             learn_step(steps, moved, state[3:6], information, variances, out[k, 6] > 0.0)
-        total = step_covariance(
-            moved, information, variances, settings[5], settings[6], has_odometry
-        )
+        total = step_covariance(moved, information, variances, grown, settings[5], settings[6])
         for i in range(3):
             for j in range(3):
                 covariances[k, i, j] = total[i, j]

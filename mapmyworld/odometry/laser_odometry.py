@@ -234,7 +234,9 @@ class LaserTracker:
         is_new = self._keyframes.is_new(match, self._settings)
         if is_new:
             self._keyframes.learn_matching(scan, match, self._settings)
-        return self._placed(frame.stamp_ns, measured, prior, match, verdict, left, is_new=is_new)
+        return self._placed(
+            frame.stamp_ns, measured, prior, match, verdict, left, grown, is_new=is_new
+        )
 
     def _going_on(self, frame: Frame, recorded: Array | None) -> tuple[Prior, Array]:
         """Where a robot is expected that goes on as it did, or as interpolated, and by how much it
@@ -307,13 +309,15 @@ class LaserTracker:
 
     def _placed(
         self, stamp_ns: int, recorded: Array | None, prior: Prior, match: Match, verdict: str,
-        left: Array, *, is_new: bool,
+        left: Array, grown: Array, *, is_new: bool,
     ) -> LaserMotion:  # fmt: skip
         """What a match that is believed reports about the motion, and of the odometry.
 
-        A fault has `left` these variances (3,) of the prior.
+        A fault has `left` these variances (3,) of the prior, of which the last recorded step has
+        added those `grown` (3,).
         """
         variances = prior.variances
+        grown = variances if recorded is None else grown
         moved = between_planar(self._state[:3], match.pose)
         weak = is_degenerate(match.information)
         self._degenerate.add(stamp_ns, float(np.hypot(*moved[:2])), weak=weak)
@@ -328,10 +332,10 @@ class LaserTracker:
             if found[6] > self._odometry.contradiction**2:
                 self._faults[fault(recorded, moved)] += 1
                 if verdict != "matched":
-                    variances = left
+                    variances = grown = left
         covariance = step_covariance(
-            moved, match.information, variances,
-            self._odometry.keyframe_distance, self._odometry.keyframe_angle, recorded is not None,
+            moved, match.information, variances, grown,
+            self._odometry.keyframe_distance, self._odometry.keyframe_angle,
         )  # fmt: skip
         return LaserMotion(match.pose, covariance, verdict, match.overlap)
 

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from mapmyworld.kernels.compiling import inner_jit, jit
 
-_TINY = 1e-9  # rad, a turn that has no axis
-
 
 @inner_jit
 def _rotation_vector(turn: NDArray[np.float64], found: NDArray[np.float64]) -> None:
@@ -29,7 +27,7 @@ def _rotation_vector(turn: NDArray[np.float64], found: NDArray[np.float64]) -> N
             found[k] = 0.5 * sign * (turn[k, largest] + turn[largest, k])
         found[largest] -= sign * cosine
         length = np.sqrt(found[0] ** 2 + found[1] ** 2 + found[2] ** 2)
-    if length > _TINY:
+    if length > 0.0:
         found *= angle / length
 
 
@@ -39,9 +37,9 @@ def _turned(
 ) -> None:
     """A rotation (3, 3) followed by that of a rotation vector (3,), by Rodrigues' formula."""
     angle = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
-    small = angle < _TINY
-    by_sine = 1.0 if small else np.sin(angle) / angle
-    by_cosine = 0.5 if small else (1.0 - np.cos(angle)) / (angle * angle)
+    by_sine = np.sin(angle) / angle if angle > 0.0 else 1.0
+    by_half = np.sin(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 1.0
+    by_cosine = 0.5 * by_half * by_half
     for row in range(3):
         own = rotation[row]
         along = own[0] * vector[0] + own[1] * vector[1] + own[2] * vector[2]

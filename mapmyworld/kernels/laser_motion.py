@@ -111,8 +111,11 @@ def step_covariance(
     half = 0.5 * np.arctan2(2.0 * covariance[0, 1], covariance[0, 0] - covariance[1, 1])
     along, missing = np.array([np.cos(half), np.sin(half), 0.0]), 0.0  # where least is known
     if is_degenerate(information):
-        known = along @ covariance @ along
-        missing = max(np.sum(along * along * grown) - share * known, 0.0)
+        for i in range(2):
+            missing += along[i] * along[i] * grown[i]
+            for j in range(2):
+                missing -= share * along[i] * covariance[i, j] * along[j]
+        missing = max(missing, 0.0)
     for i in range(3):
         for j in range(3):
             covariance[i, j] = share * covariance[i, j] + along[i] * along[j] * missing

@@ -35,7 +35,9 @@ def _rotation_vector(turn: NDArray[np.float64], found: NDArray[np.float64]) -> N
 def _turned(
     rotation: NDArray[np.float64], vector: NDArray[np.float64], found: NDArray[np.float64]
 ) -> None:
-    """A rotation (3, 3) followed by that of a rotation vector (3,), by Rodrigues' formula."""
+    """A rotation, in the first columns of (3, 4), followed by that of a rotation vector (3,), by
+    Rodrigues' formula; into the first rows and columns of `found` (4, 4).
+    """
     angle = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
     by_sine = np.sin(angle) / angle if angle > 0.0 else 1.0
     by_half = np.sin(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 1.0
@@ -60,7 +62,7 @@ def poses_at(
     Between samples `values` (N, 3, 4), at ascending `stamps` (N,), they go straight and turn by
     slerp; outside stand those at the ends. A pose is known where a sample is not `farthest` off.
     """
-    vector = np.zeros(3)
+    vector, turn = np.zeros(3), np.zeros((3, 3))
     for k in range(len(wanted)):
         after = min(np.searchsorted(stamps, wanted[k]), len(stamps) - 1)
         before = max(after - 1, 0) if stamps[after] > wanted[k] else after
@@ -69,11 +71,15 @@ def poses_at(
             return False
         share = min(max(since / max(since + until, 1), 0.0), 1.0)
         a, b, pose = values[before], values[after], found[k]
-        _rotation_vector(np.ascontiguousarray(a[:, :3].T) @ np.ascontiguousarray(b[:, :3]), vector)
-        vector *= share
-        _turned(a[:, :3], vector, pose[:3, :3])
-        pose[:3, 3] = (1.0 - share) * a[:, 3] + share * b[:, 3]
-        pose[3] = 0.0
+        for i in range(3):
+            for j in range(3):
+                turn[i, j] = a[0, i] * b[0, j] + a[1, i] * b[1, j] + a[2, i] * b[2, j]
+        _rotation_vector(turn, vector)
+        for i in range(3):
+            vector[i] *= share
+            pose[i, 3] = (1.0 - share) * a[i, 3] + share * b[i, 3]
+            pose[3, i] = 0.0
+        _turned(a, vector, pose)
         pose[3, 3] = 1.0
     return True
 

@@ -53,7 +53,7 @@ def _turned(
 
 
 @jit
-def poses_at(
+def interpolated_poses(
     stamps: NDArray[np.int64], values: NDArray[np.float64], wanted: NDArray[np.int64],
     farthest: int, found: NDArray[np.float64],
 ) -> bool:  # fmt: skip

@@ -166,14 +166,14 @@ class RecordedMotion:
 
     def at_many(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64] | None:
         """Poses (N, 4, 4) at stamps (N,) close to one another; None unless all are covered."""
-        from mapmyworld.kernels.recorded_motion import poses_at
+        from mapmyworld.kernels.recorded_motion import interpolated_poses
 
         if not len(self):
             return None
         samples = slice(None) if self.is_sorted else self._window(int(stamps_ns[0]))
         stamps, values = self.stamps_ns[samples], self._values[samples]
         found = np.empty((len(stamps_ns), 4, 4))
-        return found if poses_at(stamps, values, stamps_ns, _FARTHEST_NS, found) else None
+        return found if interpolated_poses(stamps, values, stamps_ns, _FARTHEST_NS, found) else None
 
     def poses_at(self, indices: NDArray[np.int64] | slice) -> NDArray[np.float64]:
         """Poses (N, 4, 4) of samples `indices` (N,), counted in the order of the log."""

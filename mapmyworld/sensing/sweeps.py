@@ -56,7 +56,7 @@ def scan_from_message(
     )
 
 
-@functools.lru_cache(4)  # a laser's sweeps have the same beams, sweep after sweep
+@functools.lru_cache(1)  # a laser has the same beams, sweep after sweep
 def _beams(first: float, step: float, count: int) -> tuple[Array, Array]:
     """Angles (N,) of so many beams and their directions (N, 2) in the laser's plane."""
     angles = np.asarray(first + step * np.arange(count), np.float64)

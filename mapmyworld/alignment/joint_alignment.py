@@ -8,7 +8,7 @@ relative pose with the information that its points have of it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mapmyworld.alignment.joint_covariance import variance_factor
 from mapmyworld.alignment.odometry_variances import WeighedOdometry
 from mapmyworld.backend.descent import optimised_roughly
+from mapmyworld.backend.factors import between_factors
 from mapmyworld.backend.system import System, believed_edges, with_edges
 from mapmyworld.config import Config
 from mapmyworld.decisions import decided
@@ -80,6 +81,7 @@ def align_in_rounds(
             every = odometry.added_to(system)
             every = with_edges(every, *pair_edges(before, pairs, systems, variance))
             joint = believed_edges(every, np.ones(len(every.tails), np.bool_))
+            joint = replace(joint, factors=between_factors(joint))  # made once: to solve and learn
             poses = optimised_roughly(joint, poses, steps=1)
             learnt = (joint, len(pairs)) if last else None
         moved.append(_length((poses - before)[joint.free >= 0, :2]))

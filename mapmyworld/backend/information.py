@@ -6,6 +6,8 @@ gtsam linearises and orders (METIS), SuperLU factorises. What is asked of covari
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +20,9 @@ from mapmyworld.backend.system import System
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array, Index
 from mapmyworld.heap import give_back
+from mapmyworld.parallel import in_threads
+
+_TOGETHER = 48  # rows at a time: a processor works on several numbers at once
 
 
 class NotPositiveDefiniteError(GraphError):
@@ -65,16 +70,28 @@ class Factorised:
         sizes = np.diff(groups)
         ends = np.concatenate([[0], np.cumsum(sizes**2)])
         found = np.zeros(ends[-1])
-        predict(
+        given = (
             lower.indptr, lower.indices, lower.data, self.factors.U.diagonal(),
             asked.indptr.astype(np.int32), place[asked.indices], asked.data, groups, ends, found,
         )  # fmt: skip
+        together = itertools.pairwise(_together(groups.tolist()))
+        for _ in in_threads(lambda some: predict(*some, *given), together, 0):
+            pass
         return [
             found[a:b].reshape(size, size)
             for a, b, size in zip(
                 ends[:-1].tolist(), ends[1:].tolist(), sizes.tolist(), strict=True
             )
         ]
+
+
+def _together(groups: Sequence[int]) -> list[int]:
+    """Where groups of rows, each from one of `groups` (G + 1,) on, are parted into batches."""
+    edges = [0]
+    for g in range(1, len(groups) - 1):
+        if groups[g + 1] - groups[edges[-1]] > _TOGETHER:
+            edges.append(g)
+    return [*edges, len(groups) - 1]
 
 
 def normal_matrix(jacobian: csr_array, order: Index) -> csc_array:

@@ -35,6 +35,12 @@ class FactorGraph:
     values: Any
     """gtsam.Values."""
 
+    def at(self, system: System, poses: Array) -> FactorGraph:
+        """The graph of the same system at other poses (N, 3 or 4, 4), map_from_node."""
+        if system.kinds is not None:  # sightings are linear about the poses
+            return factor_graph(system, poses)
+        return FactorGraph(self.factors, _values(system, poses))
+
 
 def elimination_order(factors: Any) -> list[int]:
     """All keys of gtsam's factors in METIS's order; METIS itself breaks down on variables that no

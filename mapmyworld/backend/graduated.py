@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import diags_array
 
-from mapmyworld.backend.factors import factor_graph
+from mapmyworld.backend.factors import FactorGraph, factor_graph
 from mapmyworld.backend.information import Factorised, Variables, normal_matrix
 from mapmyworld.backend.residuals import retract
 from mapmyworld.backend.system import System, believed_edges, edge_chi2, moving_edges
@@ -38,12 +38,12 @@ def graduate(
     among = Variables.of(graph.values)
     order = among.elimination(graph.factors)
     for _ in range(3):
-        poses = _stepped(part, among, order, poses, np.ones(len(fixed)))
+        poses = _stepped(part, graph, among, order, poses, np.ones(len(fixed)))
     chi2 = edge_chi2(part, poses)
     control = first_control(chi2[~fixed], limit)
     for _ in range(_ROUNDS):
         weights = np.where(fixed, 1.0, truncated_weights(chi2, limit, control))
-        poses = _stepped(part, among, order, poses, weights)
+        poses = _stepped(part, graph, among, order, poses, weights)
         chi2 = edge_chi2(part, poses)
         decided = (weights < 1e-3) | (weights > 1.0 - 1e-3)
         if decided.all() and control > 1.0:
@@ -54,9 +54,11 @@ def graduate(
     return poses, inliers
 
 
-def _stepped(part: System, among: Variables, order: Index, poses: Array, weights: Array) -> Array:
+def _stepped(
+    part: System, graph: FactorGraph, among: Variables, order: Index, poses: Array, weights: Array
+) -> Array:
     """Poses after one Gauss-Newton step of edges that count by their weights (E,)."""
-    graph, d = factor_graph(part, poses), part.dimension
+    graph, d = graph.at(part, poses), part.dimension
     jacobian, right = among.jacobian(graph.factors.linearize(graph.values))
     kinds = np.zeros(len(weights), np.int64) if part.kinds is None else part.kinds
     rows = np.where(kinds > 0, 2 if part.planar else 3, d)[moving_edges(part)]

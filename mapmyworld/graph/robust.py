@@ -154,11 +154,10 @@ def _refined(
             poses, inliers, scale = _without_strangers(question, poses, inliers)
         found = inliers | recoverable(system, poses, inliers, limit, scale)
         converged = np.array_equal(found, inliers) or np.array_equal(found, before)
-        if not np.array_equal(found, inliers):
-            before = inliers = found
-            poses = optimised_roughly(believed_edges(system, inliers), poses)
         if converged:
             break
+        before = inliers = found
+        poses = optimised_roughly(believed_edges(system, inliers), poses)
     return _Found(*_without_outliers(question, poses, inliers), converged)
 
 

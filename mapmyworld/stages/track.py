@@ -23,7 +23,7 @@ from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.first_pass import wheels_of_log
 from mapmyworld.stages.nodes import Motion, NodeSelector, Step, neighbours
 from mapmyworld.stages.plan_log import stage_of_log
-from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
+from mapmyworld.stages.trackers import AT_ONCE, Tracker, make_tracker, needs_inertial
 from mapmyworld.types import (
     Frame,
     Judged,
@@ -39,7 +39,7 @@ from mapmyworld.types.wording import source_in_words
 if TYPE_CHECKING:
     from mapmyworld.diagnosis import Finding
 
-_TOGETHER = 8  # frames that pass from thread to thread at once
+_LARGE = 8  # frames with images or clouds that pass from thread to thread at once
 _LARGEST_LAG = 0.35  # s; near the end of what is tried the least error may lie beyond it
 _AHEAD = 4  # such groups that wait for the next thread, at most
 
@@ -65,7 +65,9 @@ def track(
         log, plan, config.sensing, counts, stage_of_log("track", log, progress),
         inertial=needs_inertial(plan),
     )  # fmt: skip
-    _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
+    is_large = plan.camera is not None or (plan.scan is not None and plan.scan.is_cloud)
+    together = _LARGE if is_large else AT_ONCE
+    _follow(tracker, (_guarded(frame, guard) for frame in frames), writer, together)
     writer.finish()
     refuted = _judge_odometry(store, config)
     faults = [finding for finding in _diagnose(store, plan, config) if not finding.good]
@@ -109,10 +111,11 @@ def _lag_notes(lag_s: float) -> Iterator[str]:
         )
 
 
-def _follow(tracker: Tracker, frames: Iterator[Frame], writer: _Writer) -> None:
-    ahead = itertools.chain.from_iterable(made_ahead(batches(frames, _TOGETHER), _AHEAD))
-    for _ in in_threads(writer.add_all, batches(tracker.follow(ahead), _TOGETHER), 1, _AHEAD):
-        pass  # one thread writes what another has followed
+def _follow(tracker: Tracker, frames: Iterator[Frame], writer: _Writer, together: int) -> None:
+    """Some frames at a time are read by one thread, followed by another and written by a third."""
+    ahead = itertools.chain.from_iterable(made_ahead(batches(frames, together), _AHEAD))
+    for _ in in_threads(writer.add_all, batches(tracker.follow(ahead), together), 1, _AHEAD):
+        pass
 
 
 def _diagnose(store: MapStore, plan: Plan, config: Config) -> tuple[Finding, ...]:

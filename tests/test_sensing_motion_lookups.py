@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies
 
+from mapmyworld.geometry.planar import planar_to_matrix, wrap_angle
 from mapmyworld.geometry.rigid import between, interpolate, invert, se3_exp, transform_points
 from mapmyworld.kernels.recorded_motion import moved_between_knots
 from mapmyworld.sensing.motion import RecordedMotion
@@ -29,6 +30,18 @@ def test_poses_between_samples_are_those_of_slerp(seed: int, turn: float) -> Non
         expected = interpolate(poses[before], poses[after], np.clip(share, 0.0, 1.0))
         np.testing.assert_allclose(pose, expected, atol=1e-9)
         np.testing.assert_allclose(pose @ invert(pose), np.eye(4), atol=1e-9)
+
+
+@given(seeds)
+def test_places_in_the_plane_lie_on_the_lines_between_samples(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    rows = np.cumsum(random.normal(size=(20, 3)), axis=0)
+    stamps = np.sort(random.choice(10**9, 20, replace=False))
+    wanted = random.integers(stamps[0] - 10**6, stamps[-1] + 10**6, 30)
+    found = RecordedMotion(stamps, planar_to_matrix(rows)[:, :3]).in_plane(wanted)
+    rows[:, 2] = np.unwrap(wrap_angle(rows[:, 2]))
+    expected = np.stack([np.interp(wanted, stamps, column) for column in rows.T], axis=1)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 def test_a_stamp_too_far_from_every_sample_has_no_pose() -> None:

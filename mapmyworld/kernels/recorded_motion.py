@@ -52,6 +52,17 @@ def _turned(
             found[row, k] = own[k] + by_sine * across + by_cosine * rest
 
 
+@inner_jit
+def _around(stamps: NDArray[np.int64], wanted: int) -> tuple[int, int, float]:
+    """The samples at ascending `stamps` (N,) before and after one, and its share of the way on;
+    outside both are those at the ends.
+    """
+    after = min(int(np.searchsorted(stamps, wanted)), len(stamps) - 1)
+    before = max(after - 1, 0) if stamps[after] > wanted else after
+    share = (wanted - stamps[before]) / max(stamps[after] - stamps[before], 1)
+    return before, after, min(max(share, 0.0), 1.0)
+
+
 @jit
 def interpolated_poses(
     stamps: NDArray[np.int64], values: NDArray[np.float64], wanted: NDArray[np.int64],
@@ -64,12 +75,9 @@ def interpolated_poses(
     """
     vector, turn = np.zeros(3), np.zeros((3, 3))
     for k in range(len(wanted)):
-        after = min(np.searchsorted(stamps, wanted[k]), len(stamps) - 1)
-        before = max(after - 1, 0) if stamps[after] > wanted[k] else after
-        since, until = wanted[k] - stamps[before], stamps[after] - wanted[k]
-        if min(abs(since), abs(until)) > farthest:
+        before, after, share = _around(stamps, wanted[k])
+        if min(abs(wanted[k] - stamps[before]), abs(stamps[after] - wanted[k])) > farthest:
             return False
-        share = min(max(since / max(since + until, 1), 0.0), 1.0)
         a, b, pose = values[before], values[after], found[k]
         for i in range(3):
             for j in range(3):
@@ -82,6 +90,21 @@ def interpolated_poses(
         _turned(a, vector, pose)
         pose[3, 3] = 1.0
     return True
+
+
+@jit
+def interpolated_rows(
+    stamps: NDArray[np.int64], rows: NDArray[np.float64], wanted: NDArray[np.int64],
+    found: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Numbers `rows` (N, K), at ascending `stamps` (N,), become `found` (M, K) at `wanted` (M,).
+
+    They are linear between two stamps; outside stand those at the ends.
+    """
+    for m in range(len(wanted)):
+        before, after, share = _around(stamps, wanted[m])
+        for k in range(rows.shape[1]):
+            found[m, k] = rows[before, k] + share * (rows[after, k] - rows[before, k])
 
 
 @jit

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, transform_points_planar
 from mapmyworld.kernels.branch_and_bound import RESOLUTION, SIDE, SQUARE, UNSEEN, best_shift
+from mapmyworld.kernels.cells import evidence_at, first_in_cells
 from mapmyworld.kernels.rays import clear_passed
 from mapmyworld.registration.likelihood_grid import PART, LikelihoodGrid
 from mapmyworld.registration.scan_matching import ScanSet
@@ -127,7 +128,7 @@ def occupancy_evidence(grid: OccupancyGrid) -> tuple[Array, LikelihoodGrid]:
 
 def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[np.int64]:
     """Evidence (P,) of a grid for points (P, 2) at `pose` (3,): 1 hit, -1 free, 0 unseen."""
-    return np.sign(_values(grid, transform_points_planar(pose, points)) - UNSEEN)
+    return np.sign(evidence_at(grid.cells, grid.corner, points, pose))
 
 
 def seen_from_one_side(
@@ -138,20 +139,10 @@ def seen_from_one_side(
     The other grid's frame has them at `pose` (3,). What one saw from inside and the other one from
     outside are two surfaces.
     """
-    around = points[:, None] + RESOLUTION * _BEFORE
-    seen = _values(own, around) < UNSEEN
-    seen &= _values(other, transform_points_planar(pose, around)) < UNSEEN
-    return np.asarray(seen.any(axis=1))
-
-
-def _values(grid: LikelihoodGrid, points: Array) -> NDArray[np.int64]:
-    """(...) of the cells in which points (..., 2) of the grid's frame lie."""
-    cells = np.floor((points - grid.corner) / RESOLUTION).astype(np.int64) + SQUARE
-    column, row = cells[..., 0], cells[..., 1]
-    height, width = grid.cells.shape
-    inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
-    values = grid.cells[np.where(inside, row, 0), np.where(inside, column, 0)]
-    return np.where(inside, values, UNSEEN).astype(np.int64)
+    around = np.reshape(points[:, None] + RESOLUTION * _BEFORE, (-1, 2))
+    seen = evidence_at(own.cells, own.corner, around, np.zeros(3)) < 0
+    seen &= evidence_at(other.cells, other.corner, around, pose) < 0
+    return np.asarray(seen.reshape(len(points), -1).any(axis=1))
 
 
 def lie_on_a_line(points: Array) -> bool:
@@ -263,14 +254,22 @@ def _window(
     count = int(np.ceil(angle / step))
     angles = np.arange(-count, count + 1, dtype=np.float64) * step
     reach = int(np.ceil(distance / RESOLUTION))
+    return (
+        grid.pyramid, grid.strips, points, grid.corner, guess, _blocks(reach), SIDE, reach, angles
+    )  # fmt: skip
+
+
+@lru_cache(64)  # most windows are of a few sizes
+def _blocks(reach: int) -> NDArray[np.int64]:
+    """(B, 2) lower left corners of the blocks of shifts up to `reach` cells to each side."""
     starts = np.arange(-reach, reach + 1, SIDE * SQUARE)
-    blocks = np.stack(np.meshgrid(starts, starts, indexing="ij"), axis=-1).reshape(-1, 2)
-    return grid.pyramid, grid.strips, points, grid.corner, guess, blocks, SIDE, reach, angles
+    return np.stack(np.meshgrid(starts, starts, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
 def _step(points: Array) -> float:
     """Radians by which most points move one cell."""
-    far = float(np.percentile(np.hypot(*points.T), 80))
+    far = np.sort(np.hypot(*points.T))
+    far = np.interp(0.8 * (len(far) - 1), np.arange(len(far)), far)
     return float(np.clip(RESOLUTION / max(far, 1.0), 0.01, 0.05))
 
 
@@ -291,8 +290,7 @@ def scored_points(points: Array, most: int = POINTS) -> Array:
 
 def spread_points(points: Array, spacing: float) -> Array:
     """The first of points (N, 2) in each cell of edge `spacing`, (K, 2)."""
-    x, y = np.floor(points / spacing).astype(np.int64).T
-    return points[np.sort(np.unique((x << 32) + y, return_index=True)[1])]
+    return points[first_in_cells(points, spacing)]
 
 
 def submap_points(scans: ScanSet, poses: Array) -> Array:

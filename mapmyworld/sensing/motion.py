@@ -116,9 +116,15 @@ class RecordedMotion:
 
     def is_interpolated(self, stamp_ns: int) -> bool:
         """Whether the pose there follows from others that were measured (sorted stamps only)."""
+        if not self._has_interpolated:
+            return False
         before = max(int(self.stamps_ns.searchsorted(stamp_ns, "right")) - 1, 0)
         after = min(int(self.stamps_ns.searchsorted(stamp_ns, "left")), len(self) - 1)
         return bool(self._interpolated[before] or self._interpolated[after])
+
+    @cached_property
+    def _has_interpolated(self) -> bool:
+        return bool(self._interpolated.any())
 
     @cached_property
     def moves(self) -> bool:
@@ -144,9 +150,11 @@ class RecordedMotion:
 
     def in_plane(self, stamps_ns: NDArray[np.int64]) -> Array:
         """x, y and heading, unwrapped, (N, 3) at stamps (N,); the end poses outside the record."""
-        seconds, columns = self._columns
-        asked = (stamps_ns - self._by_stamp[1][0]) * 1e-9
-        return np.stack([np.interp(asked, seconds, column) for column in columns], axis=-1)
+        from mapmyworld.kernels.recorded_motion import interpolated_rows
+
+        found = np.empty((len(stamps_ns), 3))
+        interpolated_rows(self._by_stamp[1], self._rows, stamps_ns, found)
+        return found
 
     def velocity(self, stamp_ns: int) -> Array:
         """(3,) m/s and rad/s in the plane, in the base frame: the mean of `COURSE` either way."""
@@ -156,13 +164,11 @@ class RecordedMotion:
         return np.array([c * x + s * y, c * y - s * x, turned]) / (2.0 * COURSE)
 
     @cached_property
-    def _columns(self) -> tuple[Array, Array]:
-        """Seconds (N,) since the first stamp, ascending; x, y and heading, unwrapped, (3, N)."""
-        order, stamps_ns = self._by_stamp
-        rows = self._values[order]
+    def _rows(self) -> Array:
+        """(N, 3) x, y and heading, unwrapped, in the order of the stamps."""
+        rows = self._values[self._by_stamp[0]]
         heading = np.unwrap(np.arctan2(rows[:, 1, 0], rows[:, 0, 0]))
-        seconds = np.asarray((stamps_ns - stamps_ns[0]) * 1e-9, np.float64)
-        return seconds, np.stack([rows[:, 0, 3], rows[:, 1, 3], heading])
+        return np.stack([rows[:, 0, 3], rows[:, 1, 3], heading], axis=-1)
 
     def at_many(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64] | None:
         """Poses (N, 4, 4) at stamps (N,) close to one another; None unless all are covered."""

@@ -31,16 +31,17 @@ def scan_from_message(
     neither as returns nor as missing, which are infinite, beyond the maximum, or zero. Raises
     `LogError` where the sweep does not say where its beams went.
     """
+    from mapmyworld.kernels.sweep_points import carried_on, returned_points
+
     if not (math.isfinite(message.angle_min) and math.isfinite(message.angle_increment)):
         raise LogError("a scan whose angles are not finite")
-    ranges, (returned,) = message.ranges, valid_ranges(message).nonzero()
-    empty = (ranges >= _limits(message)[1]) | (ranges == 0.0)
+    ranges, (low, high) = message.ranges, _limits(message)
+    empty = (ranges >= high) | (ranges == 0.0)
     angles, ways = _beams(message.angle_min, message.angle_increment, len(ranges))
-    directions = ways[returned] @ base_from_lidar[:3, :2].T
-    points = ranges[returned, None] * directions + base_from_lidar[:3, 3]
+    returned, points = returned_points(ranges, low, high, ways, base_from_lidar)
     if motion is not None and seconds_a_radian:
-        since_first = np.abs(angles[returned] - angles[0]) * seconds_a_radian
-        points = _moved_on(points, motion.velocity(message.stamp_ns), since_first)
+        seconds = np.abs(angles - angles[0])[returned] * seconds_a_radian
+        carried_on(points, motion.velocity(message.stamp_ns), seconds)
     elif motion is not None and message.time_increment > 0 and len(points) > 1:
         points = _without_motion(message, returned, points, motion)
     origin = matrix_to_planar(base_from_lidar)
@@ -87,14 +88,3 @@ def _without_motion(
         return points
     places = beams.astype(np.float64) * (message.time_increment * 1e9 / step_ns)
     return moved_between_knots(points, places, between(poses[0], poses))
-
-
-def _moved_on(points: Array, velocity: Array, seconds: Array) -> Array:
-    """Points (N, 3) seen `seconds` (N,) later by a base that moves at `velocity` (3,) in its plane.
-
-    It goes along an arc, whose chord lies halfway between the headings at its ends.
-    """
-    halfway = np.exp(0.5j * velocity[2] * seconds)
-    way = (velocity[0] + 1j * velocity[1]) * seconds
-    seen = halfway * (halfway * (points[:, 0] + 1j * points[:, 1]) + way)
-    return np.stack([seen.real, seen.imag, points[:, 2]], axis=-1)

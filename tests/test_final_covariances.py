@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from formats.database import MemoryMap
-from mapmyworld.alignment.joint_alignment import without_open
 from mapmyworld.alignment.joint_covariance import (
     of_anchors,
     shape_covariances,
@@ -243,16 +242,6 @@ def test_pairs_are_no_more_confident_for_what_they_leave_open() -> None:
     left = (2 * len(tails) - 3 * (count - 1)) / (2 * len(tails))  # at the true poses
     once = (count - 1) / len(tails)
     assert np.median(scaled[:, 1, 1]) == pytest.approx(1e4 * left * once, rel=0.15)
-
-
-def test_pairs_know_nothing_along_a_corridor() -> None:
-    turn = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
-    bare, room = np.diag([20.0, 1e5, 1e5]), np.diag([5e3, 1e5, 1e5])
-    known = np.stack([turn @ bare @ turn.T, room])
-    kept = without_open(known)
-    found = kept @ known @ kept
-    assert np.allclose(turn.T @ found[0] @ turn, np.diag([0.0, 1e5, 1e5]), atol=1e-6)
-    assert np.array_equal(found[1], room)
 
 
 def test_bare_walls_teach_wheels_no_scale() -> None:

@@ -9,7 +9,6 @@ from sample_verdicts import REJECTED
 
 from mapmyworld.alignment.joint_alignment import align_in_rounds
 from mapmyworld.alignment.joint_system import NOTHING, Statements, joint_system, node_motions
-from mapmyworld.alignment.odometry_variances import WeighedOdometry
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
@@ -108,9 +107,8 @@ def test_landmarks_move_with_what_sees_them_and_priors_move_the_map() -> None:
     system, every = joint_system(
         vague, CHOSEN, GIVEN[2:3], stated, AT, np.zeros(5, np.bool_), CHOSEN
     )
-    motions, none = node_motions(vague, CHOSEN, GIVEN[2:3]), np.zeros((0, 2), np.int64)
-    odometry = WeighedOdometry(vague, CHOSEN, motions, np.zeros(0, np.bool_))
-    rest = odometry, (lambda _: none), Config(threads=1), Silent(), np.full(8, 0.1)
+    none = np.zeros((0, 2), np.int64)
+    rest = (lambda _: none), Config(threads=1), Silent(), np.full(8, 0.1)
     solved = align_in_rounds(scan_set([]), system, every, *rest)
     prior, seen = solved.poses[1], between_planar(solved.poses[2], solved.poses[4])
     np.testing.assert_allclose(prior, [1.0, 0.0, 0.0], atol=1e-5)

@@ -7,19 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mapmyworld.alignment.odometry_variances import WeighedOdometry
-from mapmyworld.backend.descent import optimised_roughly
-from mapmyworld.backend.system import System, believed_edges, number_free, with_edges
-from mapmyworld.geometry import Array
+from mapmyworld.alignment.odometry_variances import with_odometry
+from mapmyworld.backend.system import System
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.kernels.wheel_model import METRES_PER_RADIAN, RADIANS_PER_METRE
+from mapmyworld.odometry.motion_calibration import CalibratedMotions
 from mapmyworld.types import Node
 
 COUNT = 800
 ERRORS = np.array([-0.02, 0.006, 0.02, -0.015, 0.01, 0.03])
 NOISE = np.array([0.02, 0.015, np.radians(1.5)])
 EXACT = np.diag([1e8, 1e8, 1e9])
-ALONG_OPEN = np.diag([1e-3, 1e8, 1e9])
+NO_EDGES = System(
+    True, *np.zeros((2, 0), np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.arange(COUNT) - 1
+)
 
 
 def chained(steps: Array) -> Array:
@@ -48,52 +50,38 @@ class Drive:
         self.scans = compose_planar(chained(steps), ERRORS[[2, 3, 1]])
         odometry = planar_to_matrix(chained(recorded))
         self.nodes = [Node(k + 1, 1, k, pose, pose) for k, pose in enumerate(odometry)]
-        self.pairs = np.array([(k, k + d) for d in (1, 2, 4) for k in range(COUNT - d)])
 
-    def learnt(self, known: Array = EXACT, steps: int = 8) -> tuple[WeighedOdometry, Array]:
-        """After some steps, and where it has the scans, which pairs of this information hold."""
-        tails, heads = self.pairs.T
-        measured = between_planar(self.scans[tails], self.scans[heads])
-        information = np.tile(known, (len(tails), 1, 1))
+    def motions(self) -> tuple[Index, Index, Array, Array]:
+        """From scan to scan, as they were tracked: two nodes, the pose, its information."""
         ends = np.arange(COUNT - 1), np.arange(1, COUNT)
-        tracked = *ends, between_planar(self.scans[:-1], self.scans[1:]), information[: COUNT - 1]
-        matched = np.ones(COUNT - 1, np.bool_)
-        odometry = WeighedOdometry(self.nodes, np.arange(COUNT), tracked, matched)
-        none, empty = np.zeros(0, np.int64), np.zeros((0, 3))
-        free = number_free(np.arange(COUNT) == 0)
-        system = System(True, none, none, empty, np.zeros((0, 3, 3)), free)
-        poses = self.scans
-        for _ in range(steps):
-            joint = with_edges(odometry.added_to(system), tails, heads, measured, information)
-            joint = believed_edges(joint, np.ones(len(joint.tails), np.bool_))
-            poses = optimised_roughly(joint, poses)
-            odometry.learn(joint, poses)
-        return odometry, poses
+        information = np.tile(EXACT, (COUNT - 1, 1, 1))
+        return *ends, between_planar(self.scans[:-1], self.scans[1:]), information
+
+    def calibrated(self) -> CalibratedMotions:
+        """The odometry, by the scans."""
+        *ends, found, _ = self.motions()
+        return CalibratedMotions(self.nodes, tuple(ends), found, np.ones(COUNT - 1, np.bool_))
 
 
 def test_the_odometry_s_noise_and_its_systematic_errors_are_told_apart() -> None:
-    found, _ = Drive().learnt()
+    found = Drive().calibrated()
     np.testing.assert_allclose(np.sqrt(found.noise[0]), NOISE, rtol=0.2)
     missed = np.abs(found.errors[0] - ERRORS)
     assert (missed < [0.006, 0.006, 0.01, 0.01, 0.006, 0.006]).all()
     assert found.trusted.mean() > 0.98
 
 
-def test_nothing_is_learnt_where_odometry_alone_shows_the_way() -> None:
-    """Along a bare corridor its residuals are nil, and so is their redundancy."""
-    found, _ = Drive().learnt(ALONG_OPEN)
-    before, _ = Drive().learnt(ALONG_OPEN, steps=0)
-    assert 0.5 < np.sqrt(found.noise[0, 0] / before.noise[0, 0]) < 2.0
-    np.testing.assert_allclose(np.sqrt(found.noise[0, 1:]), NOISE[1:], rtol=0.25)
-
-
 def test_what_was_tracked_counts_where_odometry_is_at_fault() -> None:
     drive = Drive(faults=20)
-    found, poses = drive.learnt()
+    found = drive.calibrated()
     assert not found.trusted[drive.faults].any()
     assert found.trusted.mean() > 0.93
     np.testing.assert_allclose(np.sqrt(found.noise[0]), NOISE, rtol=0.5)
-    np.testing.assert_allclose(poses, drive.scans, atol=0.02)
+    matched = np.ones(COUNT - 1, np.bool_)
+    joint = with_odometry(NO_EDGES, drive.nodes, np.arange(COUNT), drive.motions(), matched)
+    tracked = np.isin(joint.tails, drive.faults)
+    np.testing.assert_array_equal(joint.information[tracked], np.tile(EXACT, (20, 1, 1)))
+    assert sorted(joint.tails.tolist()) == list(range(COUNT - 1))
 
 
 def test_every_session_has_wheels_of_its_own() -> None:
@@ -102,9 +90,7 @@ def test_every_session_has_wheels_of_its_own() -> None:
     scans = np.concatenate([drive.scans for drive in drives])
     ends = np.concatenate([np.arange(COUNT - 1), np.arange(COUNT, 2 * COUNT - 1)])
     steps = between_planar(scans[ends], scans[ends + 1])
-    tracked = ends, ends + 1, steps, np.tile(EXACT, (len(ends), 1, 1))
-    matched = np.ones(len(ends), np.bool_)
-    found = WeighedOdometry(nodes, np.arange(2 * COUNT), tracked, matched)
+    found = CalibratedMotions(nodes, (ends, ends + 1), steps, np.ones(len(ends), np.bool_))
     np.testing.assert_allclose(found.errors[:, 0], [ERRORS[0], ERRORS[0] + 0.1], atol=0.006)
     np.testing.assert_allclose(np.sqrt(found.noise), [NOISE, NOISE], rtol=0.25)
 
@@ -120,12 +106,8 @@ def test_a_robot_that_stands_and_motions_that_nothing_matched_are_as_tracked(mat
         steps = planar_to_matrix(poses)
         nodes = [Node(k + 1, 1, k, steps[k], steps[k]) for k in range(3)]
     which = np.full(2, matched)
-    odometry = WeighedOdometry(nodes, np.arange(3), tracked, which)
-    none, empty = np.zeros(0, np.int64), np.zeros((0, 3))
-    system = System(True, none, none, empty, np.zeros((0, 3, 3)), np.arange(3) - 1)
-    joint = odometry.added_to(system)
+    joint = with_odometry(NO_EDGES, nodes, np.arange(3), tracked, which)
     assert joint.tails.tolist() == [0, 1]
     assert joint.heads.tolist() == [1, 2]
     np.testing.assert_array_equal(joint.measured, tracked[2])
-    odometry.learn(joint, poses)
-    assert not odometry.trusted.any()
+    np.testing.assert_array_equal(joint.information, tracked[3])

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
-from mapmyworld.alignment.joint_alignment import align_in_rounds
-from mapmyworld.alignment.odometry_variances import WeighedOdometry
+from mapmyworld.alignment.joint_alignment import align_in_rounds, pair_edges
 from mapmyworld.api import Silent
 from mapmyworld.backend.system import System
 from mapmyworld.config import Config
@@ -37,7 +36,7 @@ from mapmyworld.registration.scan_matching import (
     scan_set,
 )
 from mapmyworld.registration.scan_search import Submap, evidence_grid, search_evidence
-from mapmyworld.types import Node, Scan
+from mapmyworld.types import Scan
 
 CONFIG = Config().registration
 BOX = ((-4.0, -3.0), (5.0, 4.0))  # m, lower left and upper right corner of a room
@@ -312,6 +311,8 @@ def test_a_pair_seen_from_either_end_is_the_same() -> None:
     np.testing.assert_allclose(adjoint.T @ there @ adjoint, back, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(-adjoint.T @ systems[0, 6:9], systems[1, 6:9], rtol=1e-6, atol=1e-6)
     assert systems[0, 9] == pytest.approx(systems[1, 9])
+    of_normals, turn = systems[:, [[12, 13], [13, 14]]], adjoint[:2, :2]
+    np.testing.assert_allclose(turn.T @ of_normals[0] @ turn, of_normals[1], rtol=1e-6, atol=1e-6)
 
 
 def test_the_adjoint_carries_small_motions_across() -> None:
@@ -328,14 +329,6 @@ def steps_between(motions: np.ndarray, information: np.ndarray) -> System:
     return System(True, ends[:-1], ends[1:], motions, known, free)
 
 
-def without_odometry(count: int) -> WeighedOdometry:
-    """Of scans between which nothing was recorded."""
-    none = np.zeros(0, np.int64)
-    nodes = [Node(k + 1, 1, k, np.eye(4), np.eye(4)) for k in range(count)]
-    motions = none, none, np.zeros((0, 3)), np.zeros((0, 3, 3))
-    return WeighedOdometry(nodes, np.arange(count), motions, np.zeros(0, np.bool_))
-
-
 @pytest.mark.parametrize("threads", [1, 3])
 def test_joint_alignment_brings_scattered_scans_home(threads: int) -> None:
     random = np.random.default_rng(5)
@@ -350,7 +343,7 @@ def test_joint_alignment_brings_scattered_scans_home(threads: int) -> None:
     pairs = np.array([(i, j) for i in range(12) for j in range(i + 1, 12)], np.int64)
     weak = steps_between(between_planar(start[:-1], start[1:]), np.eye(3))
     max_distances = np.array([0.4, 0.3, 0.2, 0.12, 0.12])
-    rest = without_odometry(12), (lambda _: pairs), Config(threads=threads), Silent(), max_distances
+    rest = (lambda _: pairs), Config(threads=threads), Silent(), max_distances
     solved = align_in_rounds(scans, weak, start, *rest)
     error = compose_planar(invert_planar(truth), solved.poses[:12])
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.005
@@ -373,10 +366,29 @@ def test_pairs_count_by_how_well_they_agree() -> None:
     for noise in (0.003, 0.009):
         seen = [room_scan(pose, seed=k, noise=noise) for k, pose in enumerate(truth)]
         scans = scan_set([prepare_scan(scan, CONFIG) for scan in seen])
-        rest = without_odometry(12), (lambda _: pairs), Config(threads=1), Silent()
+        rest = (lambda _: pairs), Config(threads=1), Silent()
         solved = align_in_rounds(scans, motions, truth, *rest)
         known.append(np.median(solved.joint.information[-len(pairs) :, 0, 0]))
     assert 3.0 < known[0] / known[1] < 15.0
+
+
+@pytest.mark.parametrize("noise", [0.003, 0.01, 0.03])
+def test_pairs_know_nothing_along_a_corridor(noise: float) -> None:
+    """As two scans of a match; once the noise of all pairs drew a corridor together."""
+    count, shares = 40, []
+    pairs = np.array([(k, k + 1) for k in range(count - 1)], np.int64)
+    for room in (CORRIDOR, BOX):
+        seen = [room_scan(np.zeros(3), room, seed=k, noise=noise, reach=4.5) for k in range(count)]
+        scans, systems = prepare_scans(seen, CONFIG), np.zeros((count - 1, 15))
+        pair_systems(
+            0, count - 1, scans.rows, scans.bounds, scans.origins, pairs, np.zeros((count, 3)),
+            0.12, 0.12, systems,
+        )  # fmt: skip
+        normals = np.square(scans.rows[:, 2:4].astype(np.float64)).sum(axis=0)
+        known = pair_edges(np.zeros((count, 3)), pairs, systems, 1.0)[3].sum(axis=0)
+        shares.append((known[0, 0] / known[1, 1]) / (normals[0] / normals[1]))
+    assert shares[0] < 0.35
+    assert shares[1] == pytest.approx(1.0, rel=0.1)
 
 
 @pytest.mark.parametrize("sight", [1.2, 1.5, 2.0])
@@ -395,7 +407,7 @@ def test_scans_of_a_short_sighted_laser_are_not_torn_apart(sight: float) -> None
     motions = steps_between(noisy, np.diag([100.0, 100.0, 400.0]))
     scans = prepare_scans(near, CONFIG)
     max_distances = np.full(12, 0.12)
-    rest = without_odometry(count), (lambda _: pairs), Config(threads=1), Silent(), max_distances
+    rest = (lambda _: pairs), Config(threads=1), Silent(), max_distances
     solved = align_in_rounds(scans, motions, start, *rest)
     assert solved.moved[-1] < solved.moved[0] / 10
     error = between_planar(truth, solved.poses[:count])

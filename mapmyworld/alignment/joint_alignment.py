@@ -8,15 +8,13 @@ relative pose with the information that its points have of it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.alignment.joint_covariance import variance_factor
-from mapmyworld.alignment.odometry_variances import WeighedOdometry
 from mapmyworld.backend.descent import optimised_roughly
-from mapmyworld.backend.factors import between_factors
 from mapmyworld.backend.system import System, believed_edges, with_edges
 from mapmyworld.config import Config
 from mapmyworld.decisions import decided
@@ -30,8 +28,7 @@ from mapmyworld.types import Progress
 
 Pairs = NDArray[np.int64]
 _UPPER = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-_STEPS = 2  # in which variances are learnt in a round
-_OPEN = 0.01  # share of the best known direction's information up to which another is open
+_NOISE = np.array([[12, 13], [13, 14]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,36 +51,28 @@ def align_in_rounds(
     scans: ScanSet,
     system: System,
     poses: Array,
-    odometry: WeighedOdometry,
     pairs_at: Callable[[Array], Pairs],
     config: Config,
     progress: Progress,
     max_distances: Array = FINE,
 ) -> JointAlignment:
-    """Poses (N, 3) that fit pairs of scans, odometry and the system's edges best, from far off on.
+    """Poses (N, 3) that fit pairs of scans and the system's edges best, from far off on.
 
     The scans are the system's first nodes. `pairs_at` chooses the pairs (P, 2) that are worth
     comparing where the poses are, in each round. Points are associated within `max_distances` (K,),
-    in metres, one of them a round. Within the last of these the variances of points and odometry
-    are what the solution before shows of them.
+    in metres, one of them a round. Within the last of these the variance of points is what the
+    solution before shows of it.
     """
     moved: list[float] = []
     variance = _point_variance(config)
-    learnt: tuple[System, int] | None = None  # what variances are to be learnt from, and its pairs
     for reach in max_distances:
         before, pairs = poses, pairs_at(poses)
         systems = _associated(scans, before, pairs, reach, config)
-        last = reach == max_distances[-1]  # beyond it points miss by more than they err
-        for _ in range(_STEPS if last else 1):
-            if learnt is not None:
-                variance *= variance_factor(*learnt, poses)
-                odometry.learn(learnt[0], poses)
-            every = odometry.added_to(system)
-            every = with_edges(every, *pair_edges(before, pairs, systems, variance))
-            joint = believed_edges(every, np.ones(len(every.tails), np.bool_))
-            joint = replace(joint, factors=between_factors(joint))  # made once: to solve and learn
-            poses = optimised_roughly(joint, poses, steps=1)
-            learnt = (joint, len(pairs)) if last else None
+        every = with_edges(system, *pair_edges(before, pairs, systems, variance))
+        joint = believed_edges(every, np.ones(len(every.tails), np.bool_))
+        poses = optimised_roughly(joint, poses, steps=1)
+        if reach == max_distances[-1]:  # beyond it points miss by more than they err
+            variance *= variance_factor(joint, len(pairs), poses)
         moved.append(_length((poses - before)[joint.free >= 0, :2]))
         weights = max(float(systems[:, 9].sum()), 1e-9)
         residual = float(np.sqrt(systems[:, 10].sum() / weights))
@@ -103,7 +92,7 @@ def pair_edges(
     They are where the minimum of each pair's normal equations, `systems` (P, 15), lies, seen from
     `poses` (N, 3). Points have this `variance` (m^2) across the other scan's line.
     """
-    kept = without_open(systems[:, _UPPER])
+    kept = without_noise(systems)
     known = kept @ systems[:, _UPPER] @ kept / variance
     pull = kept @ systems[:, 6:9, None] / variance
     information = known + FAINT * np.eye(3)
@@ -138,14 +127,18 @@ def _associated(scans: ScanSet, poses: Array, pairs: Pairs, reach: float, config
     return systems
 
 
-def without_open(known: Array) -> Array:
-    """(P, 3, 3) projections of pairs without the direction of the plane that walls leave open.
+def without_noise(systems: Array) -> Array:
+    """(P, 3, 3) by what pairs of these `systems` (P, 15) count: in the direction of the plane that
+    is known least, by the share that is not from errors of normals.
 
-    Pairs with normal matrices `known` (P, 3, 3) have some information there, for the noise of their
-    normals alone: along a corridor that pulls scans together, and all pairs alike.
+    Along a bare wall all is, and it draws all scans alike together. Where there is more, it makes
+    steps too short, and their errors larger: a pair is known by the square of the share.
     """
-    values, vectors = np.linalg.eigh(known[:, :2, :2])
-    along = np.where((values[:, 0] < _OPEN * values[:, 1])[:, None], vectors[:, :, 0], 0.0)
-    kept = np.tile(np.eye(3), (len(known), 1, 1))
-    kept[:, :2, :2] -= along[:, :, None] * along[:, None, :]
+    known, noise = systems[:, _UPPER[:2, :2]], systems[:, _NOISE]
+    values, vectors = np.linalg.eigh(known)
+    way = vectors[:, :, 0]
+    false = np.einsum("pi,pij,pj->p", way, noise, way)
+    lost = np.minimum(false / np.maximum(values[:, 0], np.finfo(np.float64).tiny), 1.0)
+    kept = np.tile(np.eye(3), (len(systems), 1, 1))
+    kept[:, :2, :2] -= lost[:, None, None] * way[:, :, None] * way[:, None, :]
     return kept

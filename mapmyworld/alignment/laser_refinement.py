@@ -30,7 +30,7 @@ from mapmyworld.alignment.laser_pairs import (
     among_first_revisits,
     field_of_view,
 )
-from mapmyworld.alignment.odometry_variances import WeighedOdometry
+from mapmyworld.alignment.odometry_variances import with_odometry
 from mapmyworld.backend.block_matrix import diagonals
 from mapmyworld.backend.system import with_edges
 from mapmyworld.config import Config
@@ -211,12 +211,11 @@ def _rounds(
     blind = np.cumsum([node.id in alone for node in task.nodes])[task.chosen]
     lap = np.searchsorted(task.spaced, task.chosen) - np.arange(count)  # counts what is left out
     matched = (blind[motions[0]] == blind[motions[1]]) & (lap[motions[0]] == lap[motions[1]])
-    odometry = WeighedOdometry(task.nodes, task.chosen, motions, matched)
-    stated = with_edges(system, *motions)
-    field = field_of_view(task.scans.rows[:, 4])
+    stated, field = with_edges(system, *motions), field_of_view(task.scans.rows[:, 4])
     compared = ComparedScans(task.session[task.chosen], held, stated, start, field, settings)
     compare = compared.pairs_at
-    found = align_in_rounds(task.scans, system, start, odometry, compare, config, progress)
+    system = with_odometry(system, task.nodes, task.chosen, motions, matched)
+    found = align_in_rounds(task.scans, system, start, compare, config, progress)
     every, residual = found.poses, found.residual
     own = shape_covariances(task.scans, residual)
     noise = np.median(own.diagonal(0, 1, 2), axis=0)

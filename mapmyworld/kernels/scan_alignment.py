@@ -266,7 +266,7 @@ def pair_systems(
     Scan k is `rows[bounds[k]:bounds[k + 1]]`; `rows` (N, 6), `bounds` (S + 1,); its lidar was at
     `origins` (S, 2) in the frame of its pose, of `poses` (S, 3). Scans are compared both ways, so
     that a pair is the same seen from either end; everything is expressed for a perturbation of the
-    source. What errors of normals add (the last three) is neither taken off nor carried across.
+    source. What errors of normals add (the last three) is not taken off.
     """
     back, adjoint = np.zeros(15), np.empty((3, 3))
     hit = np.zeros(np.max(np.diff(bounds)), np.bool_)
@@ -306,3 +306,7 @@ def add_seen_from_target(
             slot += 1
     for m in range(9, 12):
         system[m] += back[m]
+    c, sine, xx, xy, yy = adjoint[0, 0], adjoint[1, 0], back[12], back[13], back[14]
+    system[12] += c * c * xx + 2.0 * c * sine * xy + sine * sine * yy
+    system[13] += (c * c - sine * sine) * xy + c * sine * (yy - xx)
+    system[14] += sine * sine * xx - 2.0 * c * sine * xy + c * c * yy

@@ -82,8 +82,7 @@ class CalibratedMotions:
         for _ in range(_START):
             self.trust(found)
             self.calibrate(k, found)
-            use = self._trusted_of(k)
-            self.learn_noise(k, use, found, np.zeros((len(use), 3)))
+            self._learn_noise(k, found)
 
     def measured(self) -> Array:
         """(E, 3) recorded motions without systematic errors."""
@@ -102,17 +101,14 @@ class CalibratedMotions:
         missed[:, 2] = wrap_angle(missed[:, 2])
         return np.asarray(missed)
 
-    def learn_noise(self, k: int, rows: Index, found: Array, known: Array) -> None:
-        """One step to the noise of session `k` that its motions with indices `rows` (R,) show.
+    def _learn_noise(self, k: int, found: Array) -> None:
+        """One step to the noise of session `k` that its motions, `found` (E, 3), show.
 
-        They were `found` (E, 3), the solution knowing them by variances `known` (R, 3); the better,
-        the less redundant they are. One more residual is as large as was believed: where nothing is
-        redundant nothing changes.
+        One more residual is as large as was believed: where there are few, little changes.
         """
-        variances = self.variances()[rows]
-        redundancy = np.clip(1.0 - known / variances, 0.0, 1.0)
-        squares = self.missed(found)[rows] ** 2 / variances
-        change = (1.0 + squares.sum(axis=0)) / (1.0 + redundancy.sum(axis=0))
+        use = self._trusted_of(k)
+        squares = self.missed(found)[use] ** 2 / self.variances()[use]
+        change = (1.0 + squares.sum(axis=0)) / (1.0 + len(use))
         self.noise[k] = np.maximum(self.noise[k] * change, _LEAST)
 
     def calibrate(self, k: int, found: Array) -> None:

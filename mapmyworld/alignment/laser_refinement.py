@@ -17,6 +17,7 @@ from mapmyworld.alignment.joint_covariance import (
     shape_covariances,
     without_unmatched,
 )
+from mapmyworld.alignment.joint_odometry import with_odometry
 from mapmyworld.alignment.joint_system import (
     NOTHING,
     Statements,
@@ -30,7 +31,6 @@ from mapmyworld.alignment.laser_pairs import (
     among_first_revisits,
     field_of_view,
 )
-from mapmyworld.alignment.odometry_variances import with_odometry
 from mapmyworld.backend.block_matrix import diagonals
 from mapmyworld.backend.system import with_edges
 from mapmyworld.config import Config

@@ -192,7 +192,7 @@ class LocalisationConfig:
 class Config:
     """All settings, by package."""
 
-    threads: Whole = 0  # worker threads; 0 = as many as cores. Results do not depend on it
+    threads: Whole = 0  # worker threads; 0, and covariances: as many as cores. Results are the same
     seed: Seed = 0  # of everything random
     sensing: SensingConfig = field(default_factory=SensingConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)

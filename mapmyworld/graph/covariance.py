@@ -108,7 +108,7 @@ def relative_covariances(system: System, poses: Array, tails: Index, heads: Inde
     exact = np.tile(np.eye(system.dimension), (len(tails), 1, 1))
     asked = replace(
         system, tails=tails, heads=heads, measured=step(poses[tails], poses[heads]),
-        information=exact, kinds=None, factors=None,
+        information=exact, kinds=None,
     )  # fmt: skip
     alone = list(np.arange(len(tails)).reshape(-1, 1))
     found = predictions(information_of(system, poses), asked, poses, alone)

@@ -40,12 +40,9 @@ def carried_on(
     It goes along an arc, whose chord lies halfway between the headings at its ends.
     """
     for n in range(len(points)):
-        since = seconds[n]
+        since, (x, y, _) = seconds[n], points[n]
         cosine, sine = np.cos(0.5 * velocity[2] * since), np.sin(0.5 * velocity[2] * since)
-        for times in range(2):
-            x, y = points[n, 0], points[n, 1]
-            points[n, 0] = cosine * x - sine * y
-            points[n, 1] = sine * x + cosine * y
-            if times == 0:
-                points[n, 0] += velocity[0] * since
-                points[n, 1] += velocity[1] * since
+        ahead = cosine * x - sine * y + velocity[0] * since
+        aside = sine * x + cosine * y + velocity[1] * since
+        points[n, 0] = cosine * ahead - sine * aside
+        points[n, 1] = sine * ahead + cosine * aside

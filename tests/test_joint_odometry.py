@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mapmyworld.alignment.odometry_variances import with_odometry
+from mapmyworld.alignment.joint_odometry import with_odometry
 from mapmyworld.backend.system import System
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix

@@ -6,13 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from mapmyworld.alignment import joint_alignment
+from mapmyworld.alignment.joint_alignment import align_in_rounds
 from mapmyworld.alignment.joint_odometry import with_odometry
+from mapmyworld.api import Silent
 from mapmyworld.backend.system import System
+from mapmyworld.config import Config
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.kernels.wheel_model import METRES_PER_RADIAN, RADIANS_PER_METRE
 from mapmyworld.odometry.motion_calibration import CalibratedMotions
+from mapmyworld.registration.scan_matching import scan_set
 from mapmyworld.types import Node
 
 COUNT = 800
@@ -111,3 +117,38 @@ def test_a_robot_that_stands_and_motions_that_nothing_matched_are_as_tracked(mat
     assert joint.heads.tolist() == [1, 2]
     np.testing.assert_array_equal(joint.measured, tracked[2])
     np.testing.assert_array_equal(joint.information, tracked[3])
+
+
+@pytest.mark.parametrize("pull", [0.001, 0.003])
+def test_what_all_pairs_have_in_common_shortens_no_path_round_by_round(
+    pull: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Odometry that was fitted again to poses which it holds itself yielded a little every time."""
+    drive, known = Drive(), np.diag([4.0, 400.0, 400.0])
+    pairs = np.array([(k, k + d) for d in (1, 2, 3) for k in range(COUNT - d)], np.int64)
+
+    def measure(first: int, last: int, *given: NDArray[np.generic] | float) -> None:
+        """Pairs as they are, but nearer by the `pull`: weakly along the way, well across it."""
+        poses, systems = given[4], given[-1]
+        assert isinstance(poses, np.ndarray)
+        assert isinstance(systems, np.ndarray)
+        tails, heads = pairs[first:last].T
+        true = between_planar(drive.scans[tails], drive.scans[heads])
+        true[:, 0] -= pull
+        off = between_planar(true, between_planar(poses[tails], poses[heads]))
+        systems[first:last, [0, 3, 5]] = known.diagonal()
+        systems[first:last, 6:9] = off @ known
+        systems[first:last, 9:11] = 100.0, 100.0 * 0.01**2
+
+    monkeypatch.setattr(joint_alignment, "pair_systems", measure)
+    matched = np.ones(COUNT - 1, np.bool_)
+    odometry = with_odometry(NO_EDGES, drive.nodes, np.arange(COUNT), drive.motions(), matched)
+    ways = []
+    for rounds in (3, 6, 24):
+        rest = (lambda _: pairs), Config(threads=1), Silent(), np.full(rounds, 0.12)
+        solved = align_in_rounds(scan_set([]), odometry, drive.scans, *rest)
+        steps = np.diff(solved.poses[:, :2], axis=0)
+        ways.append(float(np.hypot(*steps.T).sum()))
+        np.testing.assert_array_equal(solved.joint.measured[: COUNT - 1], odometry.measured)
+        np.testing.assert_array_equal(solved.joint.information[: COUNT - 1], odometry.information)
+    assert ways[2] == pytest.approx(ways[1], rel=1e-5)

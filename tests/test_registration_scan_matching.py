@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
-from mapmyworld.alignment.joint_alignment import align_in_rounds, pair_edges
+from mapmyworld.alignment.joint_alignment import align_in_rounds, pair_edges, without_noise
 from mapmyworld.api import Silent
 from mapmyworld.backend.system import System
 from mapmyworld.config import Config
@@ -389,6 +389,15 @@ def test_pairs_know_nothing_along_a_corridor(noise: float) -> None:
         shares.append((known[0, 0] / known[1, 1]) / (normals[0] / normals[1]))
     assert shares[0] < 0.35
     assert shares[1] == pytest.approx(1.0, rel=0.1)
+
+
+def test_pairs_that_know_next_to_nothing_count_without_a_warning() -> None:
+    """Errors of normals over what is known overflowed where that is all but nothing."""
+    systems = np.zeros((3, 15))
+    systems[1:, 3], systems[1:, 12], systems[2, 0] = 1.0, 1e9, -1e-20
+    kept = without_noise(systems)
+    np.testing.assert_allclose(kept[0], np.eye(3))
+    np.testing.assert_allclose(kept[1:], np.tile(np.diag([0.0, 1.0, 1.0]), (2, 1, 1)), atol=1e-9)
 
 
 @pytest.mark.parametrize("sight", [1.2, 1.5, 2.0])

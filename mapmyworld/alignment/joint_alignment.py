@@ -138,7 +138,8 @@ def without_noise(systems: Array) -> Array:
     values, vectors = np.linalg.eigh(known)
     way = vectors[:, :, 0]
     false = np.einsum("pi,pij,pj->p", way, noise, way)
-    lost = np.minimum(false / np.maximum(values[:, 0], np.finfo(np.float64).tiny), 1.0)
+    least = np.maximum(values[:, 0], np.finfo(np.float64).tiny)
+    lost = np.minimum(false, least) / least
     kept = np.tile(np.eye(3), (len(systems), 1, 1))
     kept[:, :2, :2] -= lost[:, None, None] * way[:, :, None] * way[:, None, :]
     return kept

@@ -25,7 +25,7 @@ from mapmyworld.alignment.laser_pairs import field_of_view, neighbour_pairs
 from mapmyworld.alignment.laser_refinement import spaced_nodes
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
-from mapmyworld.kernels.scan_alignment import pair_systems
+from mapmyworld.kernels.scan_pairs import pair_systems
 from mapmyworld.places.laser_nodes import load_node_scans
 from mapmyworld.types import CLOSURES, MapStore
 

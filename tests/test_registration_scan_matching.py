@@ -25,7 +25,8 @@ from mapmyworld.geometry.planar import (
 )
 from mapmyworld.kernels.branch_and_bound import RESOLUTION, SQUARE, UNSEEN, best_shift
 from mapmyworld.kernels.planar_algebra import invert3, solve3
-from mapmyworld.kernels.scan_alignment import nearest, pair_systems
+from mapmyworld.kernels.scan_alignment import nearest
+from mapmyworld.kernels.scan_pairs import pair_systems
 from mapmyworld.kernels.scan_preparation import range_noise
 from mapmyworld.registration.scan_matching import (
     COARSE,

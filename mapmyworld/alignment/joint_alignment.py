@@ -21,7 +21,7 @@ from mapmyworld.decisions import decided
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_exp
 from mapmyworld.kernels.laser_motion import FAINT
-from mapmyworld.kernels.scan_alignment import pair_systems
+from mapmyworld.kernels.scan_pairs import pair_systems
 from mapmyworld.parallel import run_in_chunks
 from mapmyworld.registration.scan_matching import FINE, ScanSet
 from mapmyworld.types import Progress

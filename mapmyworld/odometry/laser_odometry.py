@@ -29,12 +29,11 @@ from mapmyworld.kernels.wheel_model import (
     reckon,
     reckoned_variances,
 )
-from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes
-from mapmyworld.odometry.laser_mount import notes as mount_notes
 from mapmyworld.odometry.odometry_faults import fault
-from mapmyworld.odometry.pose_hypotheses import FAULT, FEWEST, SEEN, Prior, likeliest_match
-from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
+from mapmyworld.odometry.pose_hypotheses import FEWEST, SEEN, Prior, likeliest_match
+from mapmyworld.odometry.tracking_losses import UNKNOWN
+from mapmyworld.odometry.tracking_record import TrackingRecord
 from mapmyworld.odometry.unobserved_motion import UnobservedMotion
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.types import Frame, Scan
@@ -69,11 +68,8 @@ class LaserTracker:
     def __init__(self, config: Config, wheels: Array | None = None) -> None:
         """`wheels` (52,): how the odometry is calibrated, if that is known."""
         self._odometry, self._matching = config.odometry, config.registration
-        self._faults: Counter[str] = Counter()
-        self._compared = 0  # steps of which odometry and match are known
+        self._record = TrackingRecord()
         self._close_looks = np.ones(2)  # at scans of which no hypothesis fitted, and at others
-        self._degenerate = DegenerateSections()
-        self._lost_ns: list[int] = []
         self._keyframes = Keyframes(config)
         self._state = np.zeros(8)  # pose, last step, overlaps: see `track_scans`
         self._steps = new_steps()
@@ -82,8 +78,6 @@ class LaserTracker:
         self._stalled: Array | None = None  # wheels of before they repeated a pose and scans moved
         self._time = UnobservedMotion()
         self._last_odometry: Array | None = None
-        self._first_ns: int | None = None
-        self.verdicts: Counter[str] = Counter()
         odometry, matching = config.odometry, config.registration
         self._settings = np.array([
             matching.residual_share, matching.range_sigma, matching.correlation,
@@ -119,15 +113,17 @@ class LaserTracker:
             )  # fmt: skip
             for k in range(first, last):
                 tracked.append(LaserMotion(out[k, :3], covariances[k], "matched", float(out[k, 3])))
-                self._degenerate.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
+                self._record.degenerate.add(
+                    frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0
+                )
                 self._time.take(frames[k].stamp_ns, out[k, :3])
-            self._compared += int(np.isfinite(recorded[first:last, 0]).sum())
+            self._record.compared += int(np.isfinite(recorded[first:last, 0]).sum())
             if recorded[first:last].any():
                 self._stalled = None
             if last < len(frames):
                 step = None if np.isnan(recorded[last, 0]) else recorded[last]
                 tracked.append(self._look_closely(frames[last], scans.one(last), step))
-        self.verdicts.update(moment.verdict for moment in tracked)
+        self._record.verdicts.update(moment.verdict for moment in tracked)
         return tracked
 
     @property
@@ -135,31 +131,18 @@ class LaserTracker:
         """(52,) how the log has calibrated its odometry so far: see `kernels.wheel_model`."""
         return self._wheels.copy()
 
+    @property
+    def verdicts(self) -> Counter[str]:
+        """How many moments ended with each verdict."""
+        return self._record.verdicts
+
     def notes(self) -> tuple[str, ...]:
         """What was noticed on the way: how far odometry can be trusted, where tracking failed."""
-        found = [
-            f"odometry {kind} at {count} of {self._compared} scans"
-            for kind, count in self._faults.most_common()
-        ]
-        found += [*mount_notes(self._wheels), *self._degenerate.notes()]
-        if self._lost_ns:
-            when = named_moments(self._lost_ns, self._first_ns or 0)
-            found.append(f"tracking was lost at {when}: no scan match and no odometry")
-        for verdict, text in _NOTES.items():
-            if self.verdicts[verdict]:
-                found.append(f"{self.verdicts[verdict]} scans {text}")
-        return tuple(found)
+        return self._record.notes(self._wheels)
 
     def losses(self) -> tuple[str, ...]:
         """Whether most scans reported nothing, so that the path owes them next to nothing."""
-        useless = self.verdicts["odometry only"] + self.verdicts["lost"]
-        total = self.verdicts.total()
-        if 2 * useless <= total:
-            return ()
-        return (
-            f"{useless} of {total} scans match nothing seen before: check that ranges are in "
-            "metres, angles in radians, and that the laser sees walls",
-        )
+        return self._record.losses()
 
     def _recorded_steps(self, frames: Sequence[Frame]) -> Array:
         """Odometry's motion (B, 3) from frame to frame, NaN where it is not known."""
@@ -174,8 +157,8 @@ class LaserTracker:
         self, frame: Frame, scan: PreparedScan, recorded: Array | None
     ) -> LaserMotion:
         """One frame that needs more than a match: the first, an empty or a contradicting one."""
-        if self._first_ns is None:
-            self._first_ns = frame.stamp_ns
+        if self._record.first_ns is None:
+            self._record.first_ns = frame.stamp_ns
             self._time.begin(frame.stamp_ns, np.zeros(3))
             tracked = LaserMotion(np.zeros(3), STEP_VARIANCE * np.eye(3), "first", 1.0)
         else:
@@ -260,12 +243,10 @@ class LaserTracker:
     def _by_wheels(self, wheels: Array) -> Prior:
         """Where the odometry of a model (52,) leads to since the last keyframe.
 
-        The probability of a fault is the share of faults so far, as if 1 / FAULT steps with one
-        of them had been seen before, and that of a scan that fits nothing their share of all that
-        were looked at closely.
+        The probability of a scan that fits nothing is their share of all that were looked at
+        closely.
         """
-        variances = np.asarray(reckoned_variances(wheels))
-        fault = (1.0 + self._faults.total()) / (1.0 / FAULT + self._compared)
+        variances, fault = np.asarray(reckoned_variances(wheels)), self._record.fault_share()
         fits = float(np.log(self._close_looks[1] / self._close_looks[0]))
         return Prior(wheels[POSE].copy(), variances, True, variances, fault, fits)
 
@@ -304,7 +285,7 @@ class LaserTracker:
     def _lost(self, frame: Frame, pose: Array, variances: Array, overlap: float) -> LaserMotion:
         """The first scan of a new submap, which nothing ties to the one before."""
         self._keyframes.forget()
-        self._lost_ns.append(frame.stamp_ns)
+        self._record.lost_ns.append(frame.stamp_ns)
         return LaserMotion(pose, np.diag(variances), "lost", overlap, is_tracking_loss=True)
 
     def _placed(
@@ -320,7 +301,7 @@ class LaserTracker:
         grown = variances if recorded is None else grown
         moved = between_planar(self._state[:3], match.pose)
         weak = is_degenerate(match.information)
-        self._degenerate.add(stamp_ns, float(np.hypot(*moved[:2])), weak=weak)
+        self._record.degenerate.add(stamp_ns, float(np.hypot(*moved[:2])), weak=weak)
         if recorded is not None:
             found = innovation(prior.pose, match.pose, match.information, variances)
             if is_new or verdict != "matched":
@@ -328,9 +309,9 @@ class LaserTracker:
                     self._stalled = self._wheels.copy()
                 learn(self._wheels, found, weak)
                 anchor(self._wheels, match.pose)
-            self._compared += 1
+            self._record.compared += 1
             if found[6] > self._odometry.contradiction**2:
-                self._faults[fault(recorded, moved)] += 1
+                self._record.faults[fault(recorded, moved)] += 1
                 if verdict != "matched":
                     variances = grown = left
         covariance = step_covariance(
@@ -363,10 +344,3 @@ class LaserTracker:
             return best, "matched", prior.variances
         fused, variances, is_fault = prior.fused(best, self._odometry)
         return fused, "odometry ignored" if is_fault else "matched", variances
-
-
-_NOTES = {
-    "odometry ignored": "contradicted the odometry, which was ignored there",
-    "odometry only": "could not be matched; their motion is taken from odometry",
-    "lost": "could not be matched and have no odometry: constant velocity assumed",
-}

@@ -26,7 +26,7 @@ from mapmyworld.localisation.observation import Moment
 from mapmyworld.places.refuted_odometry import FAULT_ODDS
 from mapmyworld.registration.place_evidence import Place
 from mapmyworld.registration.scan_matching import prepare_scan
-from mapmyworld.registration.scan_search import Submap
+from mapmyworld.registration.submaps import Submap
 from mapmyworld.types import OccupancyGrid
 from mapmyworld.types.localisation import Estimate, State
 

@@ -35,7 +35,7 @@ from mapmyworld.places.laser_nodes import NodeScans, calm_spots, held_by, laser_
 from mapmyworld.places.laser_submaps import submap_members
 from mapmyworld.places.path_drift import PathDrift, stated_variances
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
-from mapmyworld.registration.scan_search import POINTS
+from mapmyworld.registration.submaps import POINTS
 from mapmyworld.types import (
     ConstraintKind,
     ImageMatch,

@@ -29,7 +29,7 @@ from mapmyworld.places.session_places import SessionPlaces
 from mapmyworld.places.whole_map import map_of_scans
 from mapmyworld.registration.place_evidence import Agreement, Place
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
-from mapmyworld.registration.scan_search import Submap
+from mapmyworld.registration.submaps import Submap
 from mapmyworld.types import ConstraintKind, Judged, Node
 
 CONFIG = Config()

@@ -36,7 +36,8 @@ from mapmyworld.registration.scan_matching import (
     prepare_scans,
     scan_set,
 )
-from mapmyworld.registration.scan_search import Submap, evidence_grid, search_evidence
+from mapmyworld.registration.scan_search import search_evidence
+from mapmyworld.registration.submaps import Submap, evidence_grid
 from mapmyworld.types import Scan
 
 CONFIG = Config().registration

@@ -28,7 +28,8 @@ from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, joined_sessions
 from mapmyworld.places.laser_submaps import match_submaps, place_around
 from mapmyworld.places.path_drift import SIGMAS
 from mapmyworld.registration.place_evidence import needed_evidence
-from mapmyworld.registration.scan_search import APART, MARGIN
+from mapmyworld.registration.scan_search import APART
+from mapmyworld.registration.submaps import MARGIN
 from mapmyworld.types import (
     Constraint,
     Judge,

@@ -18,7 +18,8 @@ from mapmyworld.places.path_drift import SIGMAS
 from mapmyworld.places.refuted_odometry import FAULT_ODDS
 from mapmyworld.registration.place_evidence import Agreement, Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, Match, scan_set
-from mapmyworld.registration.scan_search import APART, MARGIN, NATS, Submap
+from mapmyworld.registration.scan_search import APART
+from mapmyworld.registration.submaps import MARGIN, NATS, Submap
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,7 +22,8 @@ from mapmyworld.registration.scan_matching import (
     prepare_scans,
     scan_set,
 )
-from mapmyworld.registration.scan_search import APART, occupancy_evidence
+from mapmyworld.registration.scan_search import APART
+from mapmyworld.registration.submaps import occupancy_evidence
 from mapmyworld.types import MapStore, OccupancyGrid, Scan
 
 _RAYS = np.arange(-np.pi, np.pi, np.radians(1.0))

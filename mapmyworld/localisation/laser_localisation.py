@@ -34,7 +34,8 @@ from mapmyworld.localisation.observation import (
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.odometry.unobserved_motion import ANYWHERE
 from mapmyworld.registration.scan_matching import FINE, Match
-from mapmyworld.registration.scan_search import APART, MARGIN
+from mapmyworld.registration.scan_search import APART
+from mapmyworld.registration.submaps import MARGIN
 from mapmyworld.types import Frame
 from mapmyworld.types.localisation import Estimate, State
 

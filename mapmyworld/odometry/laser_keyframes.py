@@ -26,7 +26,7 @@ from mapmyworld.registration.scan_matching import (
     match_scan,
     scan_set,
 )
-from mapmyworld.registration.scan_search import Submap, submap_points
+from mapmyworld.registration.submaps import Submap, submap_points
 
 Ring = tuple[NDArray[np.float32], Index, Array, Array, Index, Index]
 """Rows, counts, origins, poses, newest and places of keyframes."""

@@ -13,13 +13,8 @@ from mapmyworld.kernels.laser_motion import FAINT
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, Match, PreparedScan
-from mapmyworld.registration.scan_search import (
-    APART,
-    NATS,
-    are_one,
-    evidence_elsewhere,
-    search_about,
-)
+from mapmyworld.registration.scan_search import APART, are_one, evidence_elsewhere, search_about
+from mapmyworld.registration.submaps import NATS
 
 FEWEST = 12
 """Points of a scan below which it is not matched."""

@@ -14,7 +14,7 @@ from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 from mapmyworld.places.laser_nodes import LaserNodes, calm_spots
 from mapmyworld.places.path_drift import SIGMAS
-from mapmyworld.registration.scan_search import MARGIN
+from mapmyworld.registration.submaps import MARGIN
 from mapmyworld.types import Judged, ScanMatch, Why
 
 Pairs = list[tuple[int, int]]

@@ -35,12 +35,7 @@ from mapmyworld.places.laser_submaps import match_submaps, place_around, submap_
 from mapmyworld.places.perceptual_aliasing import reject_aliases
 from mapmyworld.registration.place_evidence import FORTH, Hypothesis, Place, needed_evidence
 from mapmyworld.registration.scan_matching import Match
-from mapmyworld.registration.scan_search import (
-    APART,
-    Found,
-    are_one,
-    search_evidence,
-)
+from mapmyworld.registration.scan_search import APART, Found, are_one, search_evidence
 from mapmyworld.types import (
     ConstraintKind,
     Judge,

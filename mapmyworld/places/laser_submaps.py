@@ -10,7 +10,7 @@ from mapmyworld.geometry.planar import between_planar
 from mapmyworld.places.laser_nodes import LaserNodes
 from mapmyworld.registration.place_evidence import Place
 from mapmyworld.registration.scan_matching import FINE, Match, PreparedScan, match_scan
-from mapmyworld.registration.scan_search import Submap, rows_of
+from mapmyworld.registration.submaps import Submap, rows_of
 
 _NO_PRIOR = np.diag([1e-3, 1e-3, 1e-3])
 

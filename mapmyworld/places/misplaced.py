@@ -24,7 +24,7 @@ from mapmyworld.places.laser_nodes import LaserNodes
 from mapmyworld.places.laser_submaps import submap_of
 from mapmyworld.places.whole_map import WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import Place
-from mapmyworld.registration.scan_search import MARGIN
+from mapmyworld.registration.submaps import MARGIN
 from mapmyworld.types import Node
 
 _LENGTH = 5.0  # m of path that make a place: no tracking drifts much in so little

@@ -38,13 +38,8 @@ from mapmyworld.registration.place_evidence import (
     needed_evidence,
 )
 from mapmyworld.registration.scan_matching import Match
-from mapmyworld.registration.scan_search import (
-    APART,
-    MARGIN,
-    NATS,
-    are_one,
-    search_about,
-)
+from mapmyworld.registration.scan_search import APART, are_one, search_about
+from mapmyworld.registration.submaps import MARGIN, NATS
 from mapmyworld.types import (
     RELOCALISED,
     ConstraintKind,

@@ -24,7 +24,8 @@ from mapmyworld.geometry.planar import (
 )
 from mapmyworld.places.session_places import SessionPlaces, some_changed
 from mapmyworld.registration.place_evidence import Agreement
-from mapmyworld.registration.scan_search import ANOTHER, MARGIN, NATS, are_one
+from mapmyworld.registration.scan_search import ANOTHER, are_one
+from mapmyworld.registration.submaps import MARGIN, NATS
 
 _CHECKED = 3  # places, those of the most evidence, that are looked for elsewhere
 _OVERLAP = 0.5  # weight of a place: what it shows, the ones beside it show as well

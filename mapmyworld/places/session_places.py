@@ -20,7 +20,7 @@ from mapmyworld.places.laser_nodes import LaserNodes, spaced
 from mapmyworld.places.laser_submaps import place_around
 from mapmyworld.places.whole_map import SETTLED, WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import Agreement, Place
-from mapmyworld.registration.scan_search import Submap
+from mapmyworld.registration.submaps import Submap
 
 _CHANGED = 0.1  # share of places that no longer look as they did, or that drift moved away
 _MOVED = 0.03  # share of surfaces in the others that stand elsewhere by another session

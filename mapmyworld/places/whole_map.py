@@ -12,16 +12,18 @@ from mapmyworld.kernels.branch_and_bound import RESOLUTION
 from mapmyworld.registration.likelihood_grid import BESIDE, LikelihoodGrid
 from mapmyworld.registration.place_evidence import FORTH, Agreement, Place, chance, needed_evidence
 from mapmyworld.registration.scan_search import (
-    MARGIN,
-    NATS,
-    Submap,
-    evidence_grid,
     judged_points,
-    scored_points,
     search_about,
     search_elsewhere,
     search_everywhere,
     seen_from_one_side,
+)
+from mapmyworld.registration.submaps import (
+    MARGIN,
+    NATS,
+    Submap,
+    evidence_grid,
+    scored_points,
     spread_points,
 )
 

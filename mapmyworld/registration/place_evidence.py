@@ -10,16 +10,8 @@ from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import invert_planar
 from mapmyworld.registration.likelihood_grid import LikelihoodGrid
 from mapmyworld.registration.scan_matching import PreparedScan, scan_set
-from mapmyworld.registration.scan_search import (
-    APART,
-    MARGIN,
-    NATS,
-    Submap,
-    continue_walls,
-    evidence_grid,
-    judged_points,
-    lie_on_a_line,
-)
+from mapmyworld.registration.scan_search import APART, continue_walls, judged_points, lie_on_a_line
+from mapmyworld.registration.submaps import MARGIN, NATS, Submap, evidence_grid
 
 FORTH = 0.3
 """Share of the evidence that a search must find in the points of the later place."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -30,10 +29,9 @@ from mapmyworld.kernels.wheel_model import (
     reckoned_variances,
 )
 from mapmyworld.odometry.laser_keyframes import Keyframes
-from mapmyworld.odometry.odometry_faults import fault
 from mapmyworld.odometry.pose_hypotheses import FEWEST, SEEN, Prior, likeliest_match
 from mapmyworld.odometry.tracking_losses import UNKNOWN
-from mapmyworld.odometry.tracking_record import TrackingRecord
+from mapmyworld.odometry.tracking_record import TrackingRecord, fault
 from mapmyworld.odometry.unobserved_motion import UnobservedMotion
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.types import Frame, Scan
@@ -130,11 +128,6 @@ class LaserTracker:
     def wheels(self) -> Array:
         """(52,) how the log has calibrated its odometry so far: see `kernels.wheel_model`."""
         return self._wheels.copy()
-
-    @property
-    def verdicts(self) -> Counter[str]:
-        """How many moments ended with each verdict."""
-        return self._record.verdicts
 
     def notes(self) -> tuple[str, ...]:
         """What was noticed on the way: how far odometry can be trusted, where tracking failed."""

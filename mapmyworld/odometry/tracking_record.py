@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 
+import numpy as np
+
 from mapmyworld.geometry import Array
+from mapmyworld.kernels.wheel_model import MOVES
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_mount import notes as mount_notes
 from mapmyworld.odometry.pose_hypotheses import FAULT
@@ -56,6 +59,18 @@ class TrackingRecord:
             f"{useless} of {total} scans match nothing seen before: check that ranges are in "
             "metres, angles in radians, and that the laser sees walls",
         )
+
+
+def fault(recorded: Array, moved: Array) -> str:
+    """The kind of a step, x, y, yaw, `recorded` otherwise than it `moved` by scans; (3,) both."""
+    along = recorded[0] * moved[0]
+    if along < 0 and min(abs(recorded[0]), abs(moved[0])) > MOVES:
+        return "has the wrong sign"
+    if np.abs(recorded).max() < MOVES:
+        return "stalls while the robot moves"
+    if np.abs(recorded - moved).max() > np.abs(moved).max():
+        return "jumps"
+    return "disagrees with the scans"
 
 
 _NOTES = {

@@ -13,12 +13,12 @@ from scipy.optimize import approx_fprime
 
 from mapmyworld.backend.block_matrix import edge_blocks
 from mapmyworld.backend.descent import descend, solved
-from mapmyworld.backend.factors import factor_graph, poses_of
+from mapmyworld.backend.factors import between_factors, factor_graph, poses_of
 from mapmyworld.backend.information import information_of
 from mapmyworld.backend.landmarks import POINT, POLAR, sighting_residuals
 from mapmyworld.backend.residuals import edge_residuals, retract
 from mapmyworld.backend.starts import nearest_rotations
-from mapmyworld.backend.system import System, fit_of, number_free
+from mapmyworld.backend.system import System, fit_of, number_free, with_edges
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, planar_exp
 from mapmyworld.geometry.rigid import between, se3_exp
@@ -62,6 +62,17 @@ def test_gtsam_costs_what_the_arrays_cost(planar: bool, count: int, extra: int, 
     found = poses_of(system, graph.values, poses)
     apart = between_planar(found, poses) if planar else between(found, poses) - np.eye(4)
     assert np.abs(apart).max() < 1e-12
+
+
+def test_factors_that_were_kept_are_not_those_of_other_edges() -> None:
+    system, poses = random_system(True, 8, 6, 3)
+    kept = replace(system, factors=between_factors(system))
+    assert factor_graph(kept, poses).factors.size() == len(system.tails)
+    ends = np.array([0, 1]), np.array([6, 7])
+    more = with_edges(kept, *ends, np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)))
+    graph = factor_graph(more, poses)
+    assert graph.factors.size() == len(system.tails) + 2
+    assert graph.factors.error(graph.values) == pytest.approx(fit_of(more, poses).cost)
 
 
 @pytest.mark.parametrize("planar", [True, False])

@@ -11,7 +11,7 @@ from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.system import edge_chi2
 from mapmyworld.config import GraphConfig
 from mapmyworld.geometry.planar import between_planar, compose_planar
-from mapmyworld.graph.clusters import chance_of
+from mapmyworld.graph.clusters import chance_of, judge_groups
 from mapmyworld.graph.inlier_recovery import expected_below
 from mapmyworld.graph.optimisation import optimise, optimise_robustly
 from mapmyworld.graph.problem import problem_of
@@ -105,6 +105,28 @@ def test_groups_of_false_closures_that_agree_among_themselves_are_rejected(size)
     assert not solved.accepted[~true].any()
     assert solved.accepted[true].mean() > 0.99
     assert solved.squared_sigmas[true].sum() < 1.01 * clean.squared_sigmas.sum()
+
+
+@pytest.mark.parametrize("size", [20, 100])
+def test_a_group_is_judged_however_large_it_is(size: int) -> None:
+    """Closures that shift two stretches by 0.3 m against all others, and agree on it."""
+    truth = lawn()
+    true = drive(truth, meetings(truth))
+    mixed = with_corridors(true, truth, 1, size)
+    shifted = mixed.edges.i_from_j.copy()
+    false = np.arange(size) + len(true.edges)
+    tails, heads = mixed.edges.from_ids[false], mixed.edges.to_ids[false]
+    shifted[false] = between_planar(truth[tails], truth[heads]) + np.array([0.3, 0, 0])
+    problem = problem_of(replace(mixed, edges=replace(mixed.edges, i_from_j=shifted)))
+    every = np.ones(len(mixed.edges), np.bool_)
+    closures = np.flatnonzero(problem.order >= len(truth) - 1)
+    is_false = problem.order[closures] >= len(true.edges)
+    groups = np.where(is_false, 0, 1 + np.arange(len(closures)) // 4)
+    poses = optimised_roughly(problem.system, np.vstack([truth, np.zeros(3)]))
+    found = judge_groups(problem.system, poses, every, closures, groups, PLAIN.inlier_probability)
+    worst = int(np.argmax(found.excess))
+    assert found.excess[worst] > 1.0
+    assert np.array_equal(np.sort(problem.order[found.members[worst]]), false)
 
 
 def test_a_closure_that_alone_corrects_a_drift_is_recovered():

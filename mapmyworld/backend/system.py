@@ -36,7 +36,7 @@ class System:
     kinds: Index | None = None
     """(E,) POINT or POLAR for sightings of landmarks, 0 for edges; None = all edges."""
     factors: Objects | None = None
-    """(E,) gtsam's of edges between free nodes, where many parts of the system are solved."""
+    """(E,) gtsam's of edges between free nodes, kept where many parts of the system are solved."""
 
     @property
     def dimension(self) -> int:
@@ -113,6 +113,7 @@ def with_edges(
         heads=np.concatenate([system.heads, heads]),
         measured=np.concatenate([system.measured, measured]),
         information=np.concatenate([system.information, information]),
+        factors=None,
     )
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from mapmyworld.backend.connected_components import components
+from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.information import information_of
 from mapmyworld.backend.predictions import Prediction, predictions
 from mapmyworld.backend.residuals import chi_squared_quantile
@@ -21,7 +22,7 @@ from mapmyworld.geometry import Array, Index
 from mapmyworld.graph.consistency import Consistency, alternatives
 
 _NEAR = 30  # nodes of path between the ends of closures of one group, at most
-_LARGEST = 60  # closures of a group that are judged; more of them are taken as they are
+_LARGEST = 60  # closures of a group that are compared, evenly chosen: the rest is left out for that
 _TOLERANCE = 10.0  # times the typical squared sigmas that true closures may reach besides
 _STRICTEST = 0.01  # share of the stated limit that always passes
 HEAVY = 2.0
@@ -102,16 +103,23 @@ def judge_groups(
 
     Leaving a group of information W out changes its residuals r to those that the rest predicts;
     with P, their covariance by the whole solution, the squared sigmas become
-    `r' W (W - W P W)^-1 W r`, all at the price of one factorisation.
+    `r' W (W - W P W)^-1 W r`, all at the price of one factorisation. Of a large group some stand
+    for all.
 
     `poses` (N, 3 or 4, 4) are that solution, `inliers` (E,) its edges, `closures` (K,) positions of
     edges and `groups` (K,) the number of the group of each.
     """
-    part = believed_edges(system, inliers)
     believed = np.flatnonzero(inliers[closures])
     order = believed[np.argsort(groups[believed], kind="stable")]
-    members = np.split(order, np.flatnonzero(np.diff(groups[order])) + 1)
-    kept = tuple(closures[m] for m in members if 0 < len(m) <= _LARGEST)
+    split = np.split(order, np.flatnonzero(np.diff(groups[order])) + 1)
+    members = tuple(closures[m] for m in split if len(m))
+    kept = tuple(m[:: -(-len(m) // _LARGEST)] for m in members)
+    asked = inliers.copy()
+    asked[closures] = False
+    asked[np.concatenate([np.zeros(0, np.int64), *kept])] = True
+    part = believed_edges(system, asked)
+    if (asked != inliers).any():
+        poses = optimised_roughly(part, poses)
     space = np.log(alternatives(system.planar, system.measured[closures]))
     found = np.zeros((len(kept), 3))
     anchored = replace(system, free=part.free)
@@ -124,7 +132,7 @@ def judge_groups(
     evidence = evidence_of(fit, volume, space, scale, system.dimension)
     most = np.where(freedom == system.dimension, HEAVY, 1.0) * allowed(scale)
     excess = chi2 / (most * chi_squared_quantile(probability, freedom))
-    return Judgement(kept, excess, evidence, scale)
+    return Judgement(members, excess, evidence, scale)
 
 
 def _left_out(predicted: Prediction, information: Array) -> tuple[float, float, float]:

@@ -22,7 +22,7 @@ from mapmyworld.geometry import Array, Index
 from mapmyworld.graph.consistency import Consistency, alternatives
 
 _NEAR = 30  # nodes of path between the ends of closures of one group, at most
-_LARGEST = 60  # closures of a group that are compared, evenly chosen: the rest is left out for that
+_LARGEST = 60  # closures of a group that are compared with the rest, at most: they stand for all
 _TOLERANCE = 10.0  # times the typical squared sigmas that true closures may reach besides
 _STRICTEST = 0.01  # share of the stated limit that always passes
 HEAVY = 2.0
@@ -109,16 +109,14 @@ def judge_groups(
     `poses` (N, 3 or 4, 4) are that solution, `inliers` (E,) its edges, `closures` (K,) positions of
     edges and `groups` (K,) the number of the group of each.
     """
-    believed = np.flatnonzero(inliers[closures])
-    order = believed[np.argsort(groups[believed], kind="stable")]
-    split = np.split(order, np.flatnonzero(np.diff(groups[order])) + 1)
-    members = tuple(closures[m] for m in split if len(m))
+    members = _members(inliers, closures, groups)
     kept = tuple(m[:: -(-len(m) // _LARGEST)] for m in members)
-    asked = inliers.copy()
-    asked[closures] = False
-    asked[np.concatenate([np.zeros(0, np.int64), *kept])] = True
-    part = believed_edges(system, asked)
-    if (asked != inliers).any():
+    compared = inliers.copy()
+    for every, some in zip(members, kept, strict=True):
+        compared[every] = False
+        compared[some] = True
+    part = believed_edges(system, compared)
+    if (compared != inliers).any():
         poses = optimised_roughly(part, poses)
     space = np.log(alternatives(system.planar, system.measured[closures]))
     found = np.zeros((len(kept), 3))
@@ -133,6 +131,14 @@ def judge_groups(
     most = np.where(freedom == system.dimension, HEAVY, 1.0) * allowed(scale)
     excess = chi2 / (most * chi_squared_quantile(probability, freedom))
     return Judgement(members, excess, evidence, scale)
+
+
+def _members(inliers: NDArray[np.bool_], closures: Index, groups: Index) -> tuple[Index, ...]:
+    """(C,) positions of the believed edges of every group; arguments as of `judge_groups`."""
+    believed = np.flatnonzero(inliers[closures])
+    order = believed[np.argsort(groups[believed], kind="stable")]
+    split = np.split(order, np.flatnonzero(np.diff(groups[order])) + 1)
+    return tuple(closures[m] for m in split if len(m))
 
 
 def _left_out(predicted: Prediction, information: Array) -> tuple[float, float, float]:

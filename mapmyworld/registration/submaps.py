@@ -125,6 +125,6 @@ def submap_points(scans: ScanSet, poses: Array) -> Array:
 
 
 def rows_of(scans: ScanSet, step: int = 1) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Every `step`-th row (N, 5) of each scan, and which scan (N,) it is of."""
+    """Every `step`-th row (N, 6) of each scan, and which scan (N,) it is of."""
     parts = [scans.rows[a:b:step] for a, b in pairwise(scans.bounds.tolist())]
     return np.concatenate(parts), np.repeat(np.arange(len(scans)), [len(part) for part in parts])

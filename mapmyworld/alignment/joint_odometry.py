@@ -16,6 +16,7 @@ from mapmyworld.alignment.joint_system import Edges
 from mapmyworld.backend.block_matrix import diagonals
 from mapmyworld.backend.system import System, with_edges
 from mapmyworld.geometry import Index
+from mapmyworld.kernels.laser_motion import is_degenerate
 from mapmyworld.odometry.motion_calibration import CalibratedMotions
 from mapmyworld.types import Node
 
@@ -25,12 +26,15 @@ def with_odometry(
 ) -> System:
     """The system with the odometry between `chosen` nodes (S,), its first ones, behind its edges.
 
-    It is calibrated, and its noise learnt, by what it misses the `tracked` motions (E,). These
-    count where there is no odometry, or it is at fault, or the robot stood; and if not `matched`
-    (E,): they are odometry then, and tracking knows of stalls.
+    It is calibrated, and its noise learnt, by what it misses the `tracked` motions (E,). Along
+    walls these are its own, and show no scale: there headings alone calibrate it. They count where
+    there is no odometry, or it is at fault, or the robot stood; and if not `matched` (E,): they are
+    odometry then, and tracking knows of stalls.
     """
     tails, heads, found, information = tracked
-    motions = CalibratedMotions(nodes, (chosen[tails], chosen[heads]), found, matched)
+    is_open = np.array([is_degenerate(one) for one in information], np.bool_)
+    ends = chosen[tails], chosen[heads]
+    motions = CalibratedMotions(nodes, ends, found, matched, is_open)
     rows, others = np.flatnonzero(motions.trusted), np.flatnonzero(~motions.trusted)
     known, measured = diagonals(1.0 / motions.variances()[rows]), motions.measured()[rows]
     system = with_edges(system, tails[rows], heads[rows], measured, known)

@@ -49,10 +49,13 @@ class CalibratedMotions:
         ends: tuple[Index, Index],
         found: Array,
         is_found: NDArray[np.bool_],
+        is_open: NDArray[np.bool_] | None = None,
     ) -> None:
         """From node to node, by indices `ends` (E,), first calibrated by motions `found` (E, 3).
 
         These count where each `is_found` (E,), the robot moved, and they are not those recorded.
+        Where one `is_open` (E,) along walls its position is the odometry's, and shows nothing
+        systematic.
         """
         odometry = matrix_to_planar(np.stack([node.odom_from_base for node in nodes]))
         steps = between_planar(odometry[:-1], odometry[1:])
@@ -65,6 +68,7 @@ class CalibratedMotions:
         position = metres + METRES_PER_RADIAN * radians
         heading = radians + RADIANS_PER_METRE * metres
         self.recorded = between_planar(odometry[before], odometry[after])
+        self._is_open = np.zeros(len(found), np.bool_) if is_open is None else is_open
         self._lengths = np.maximum(np.stack([position, position, heading], axis=1), MOVES)
         told = np.abs(self.recorded - found).max(axis=1) > _EXACTLY
         self._usable = np.asarray(is_found & told & (metres + radians > MOVES))
@@ -118,6 +122,7 @@ class CalibratedMotions:
         """
         use, self.errors[k] = self._trusted_of(k), 0.0
         weight = 1.0 / self.variances()[use]
+        weight[self._is_open[use], :2] = 0.0
         rows = error_jacobians(self.recorded[use], found[use, 2])
         missed = self.missed(found)[use]
         weighed = rows.swapaxes(1, 2) * weight[:, None]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.alignment.closure_refinement import refine_closures
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -53,6 +54,11 @@ def visits(moved: float) -> tuple[NodeScans, Poses]:
     return loaded, Poses(ids, poses, None)
 
 
+def nothing_known(pairs: Index) -> Array:
+    """The poses leave open how their nodes lie beside each other."""
+    return np.full(len(pairs), np.inf)
+
+
 def closure(error: NDArray[np.float64], kind: ConstraintKind, by: Source) -> Judged:
     measured = compose_planar(between_planar(TRUTH[A], TRUTH[B]), error)
     return Judged(
@@ -70,7 +76,7 @@ def test_a_turned_closure_is_measured_anew(same: tuple[NodeScans, Poses]) -> Non
     turned = closure(
         np.array([0.01, 0.0, np.radians(2.0)]), ConstraintKind.LOOP_CLOSURE, ScanMatch(score=0.8)
     )
-    old, anew = refine_closures([turned], same[1], CONFIG, same[0])
+    old, anew = refine_closures([turned], same[1], nothing_known, CONFIG, same[0])
     error = between_planar(between_planar(TRUTH[A], TRUTH[B]), matrix_to_planar(anew.i_from_j))
     assert anew.accepted
     assert np.hypot(*error[:2]) < 0.02
@@ -85,7 +91,7 @@ def test_closures_that_fit_or_come_from_elsewhere_stay(same: tuple[NodeScans, Po
     by_images = closure(np.array([0.4, 0.0, 0.1]), ConstraintKind.LOOP_CLOSURE, ImageMatch())
     turned = closure(np.array([0.4, 0.0, 0.1]), ConstraintKind.LOOP_CLOSURE, ScanMatch(score=0.8))
     by_hand = turned.judged(Verdict(Judge.PERSON, True, Why.ACCEPTED_BY_HAND))
-    kept = refine_closures([good, by_images, by_hand], same[1], CONFIG, same[0])
+    kept = refine_closures([good, by_images, by_hand], same[1], nothing_known, CONFIG, same[0])
     assert kept[0] is good
     assert kept[1] is by_images
     assert kept[2] is by_hand  # where it is not met, that is reported
@@ -95,7 +101,7 @@ def test_a_closure_that_the_final_poses_deny_does_not_stand() -> None:
     """Beside it stands what the same places measure from the final poses."""
     scans, poses = visits(0.6)
     false = closure(np.array([0.6, 0.0, 0.0]), ConstraintKind.LOOP_CLOSURE, ScanMatch(score=0.8))
-    judged, anew = refine_closures([false], poses, CONFIG, scans)
+    judged, anew = refine_closures([false], poses, nothing_known, CONFIG, scans)
     assert not judged.accepted
     error = between_planar(between_planar(TRUTH[A], TRUTH[B]), matrix_to_planar(anew.i_from_j))
     assert np.hypot(*error[:2]) < 0.02
@@ -106,7 +112,9 @@ def test_a_closure_that_nothing_measures_from_the_final_poses_is_rejected() -> N
     matrices = poses.map_from_node.copy()
     matrices[B - 10 :] = planar_to_matrix(np.array([0.0, 9.0, 0.0])) @ matrices[B - 10 :]
     true = closure(np.zeros(3), ConstraintKind.LOOP_CLOSURE, ScanMatch(score=0.8))
-    (judged,) = refine_closures([true], Poses(poses.ids, matrices, None), CONFIG, scans)
+    (judged,) = refine_closures(
+        [true], Poses(poses.ids, matrices, None), nothing_known, CONFIG, scans
+    )
     assert not judged.accepted
     assert "contradicts the refined poses by 9.00 m" in reason_of(judged)
 
@@ -117,7 +125,9 @@ def test_a_closure_that_misses_the_final_poses_again_is_rejected() -> None:
     matrices = poses.map_from_node.copy()
     matrices[B - 10 :] = planar_to_matrix(np.array([0.2, 0.0, 0.0])) @ matrices[B - 10 :]
     true = closure(np.zeros(3), ConstraintKind.LOOP_CLOSURE, ScanMatch(score=0.8))
-    (judged,) = refine_closures([true], Poses(poses.ids, matrices, None), CONFIG, scans)
+    (judged,) = refine_closures(
+        [true], Poses(poses.ids, matrices, None), nothing_known, CONFIG, scans
+    )
     assert not judged.accepted
     assert "contradicts the refined poses by 0.20 m" in reason_of(judged)
 
@@ -137,12 +147,15 @@ def test_the_graph_decides_what_scans_leave_ambiguous(
     lost[98] = np.inf if session else 0.0  # before the second visit
     sees = np.ones(len(TRUTH), np.bool_)
     parted = NodeScans(loaded.nodes, loaded.scans, lost, sees, loaded.variances)
-    known = Poses(poses.ids, poses.map_from_node, np.tile(sigma**2 * np.eye(6), (len(TRUTH), 1, 1)))
-    first, *anew = refine_closures([refused], known, CONFIG, parted)
+
+    def known(pairs: Index) -> Array:
+        return np.full(len(pairs), sigma)
+
+    first, *anew = refine_closures([refused], poses, known, CONFIG, parted)
     assert not first.accepted
     assert len(anew) == expected
     for c in anew:
         assert c.accepted
         miss = matrix_to_planar(c.i_from_j) - between_planar(TRUTH[A], TRUTH[B])
         assert np.hypot(*miss[:2]) < 0.02
-        assert len(refine_closures([first, c], known, CONFIG, loaded)) == 2  # once
+        assert len(refine_closures([first, c], poses, known, CONFIG, loaded)) == 2  # once

@@ -9,6 +9,7 @@ import pytest
 
 from formats.database import MemoryMap
 from mapmyworld.alignment.joint_covariance import (
+    RelativeCertainty,
     of_anchors,
     shape_covariances,
     variance_factor,
@@ -208,6 +209,27 @@ def test_visits_that_no_edge_ties_are_not_compared() -> None:
         visits.append(first[(apart > 100) & (first[:, 0] < 3)])
     assert not len(visits[0])
     assert len(visits[1])
+
+
+def test_two_visits_are_known_beside_each_other_however_far_they_are_from_the_start() -> None:
+    """Claimed before: 0.4 m, what both err by against the first node, of two 1 cm apart."""
+    count = 20
+    scans = np.column_stack([np.arange(float(count)), np.zeros((count, 2))])
+    tails, heads = np.append(np.arange(count - 1), 10), np.append(np.arange(1, count), 19)
+    information = np.tile(np.diag([1e2, 1e2, 1e6]), (count, 1, 1))
+    information[-1] = 1e4 * np.eye(3)
+    chain = System(
+        True, tails, heads, scans[heads] - scans[tails], information, np.arange(count) - 1
+    )
+    poses = np.vstack([scans, scans[-1] + [0.0, 0.2, 0.0]])
+    near, against = np.append(np.arange(count), 19), np.zeros((count + 1, 3, 3))
+    against[-1] = 0.02**2 * np.eye(3)
+    known = RelativeCertainty(chain, scans, poses, near, against)
+    pairs = np.array([(10, 19), (19, 20), (10, 20), (19, 19), (1, 11)])
+    sigmas = known.standard_deviations(pairs)
+    assert sigmas == pytest.approx([0.01, 0.02, np.hypot(0.01, 0.02), 0.0, 0.31], abs=0.01)
+    loose = replace(known, joint=chosen_edges(chain, np.arange(1, count)))
+    assert np.isinf(loose.standard_deviations(pairs)).all()
 
 
 def test_scans_measure_once_however_many_pairs_they_are_in() -> None:

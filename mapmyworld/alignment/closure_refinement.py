@@ -7,7 +7,7 @@ began between two odometry samples, a node's sweep, and so the closure, may be t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -40,33 +40,29 @@ from mapmyworld.types import (
     Why,
 )
 
+Known = Callable[[Index], Array]
+"""The standard deviation (P,), m, of how pairs (P, 2) of nodes lie beside each other."""
 _METRES, _RADIANS = 0.1, np.radians(0.75)  # by which no true closure misses the final poses
 _PRIOR = np.diag(1.0 / np.square([_METRES, _METRES, _RADIANS]))
 
 
 def refine_closures(
-    constraints: Sequence[Judged], poses: Poses, config: Config, loaded: NodeScans
+    constraints: Sequence[Judged], poses: Poses, known: Known, config: Config, loaded: NodeScans
 ) -> tuple[Judged, ...]:
     """The constraints; accepted laser closures that miss the refined poses are measured anew.
 
-    So is what scans did not decide, where the poses are known to better than two that are compared
-    lie apart: the graph decides it. The new measurements stand behind all others; they leave open
-    what the scans leave open. What was accepted and misses the poses still is rejected.
+    So is what scans did not decide, where it is `known` how the poses lie beside each other, to
+    better than two that are compared lie apart: the graph decides it. The new measurements stand
+    behind all others; they leave open what the scans leave open. What was accepted and misses the
+    poses still is rejected.
     """
     nodes = nodes_at(loaded, poses)
     row = {int(i): k for k, i in enumerate(nodes.ids)}
-    off, session = _standard_deviations(poses, nodes.ids), joined_sessions(loaded, constraints)
+    decided = _decided(constraints, row, joined_sessions(loaded, constraints), known)
     result, anew = list(constraints), list[Judged]()
-
-    def is_decided(c: Judged) -> bool:
-        if not c.verdicts or c.verdicts[-1].why not in OPEN:
-            return False
-        a, b = row[c.from_id], row[c.to_id]
-        return bool(session[a] == session[b] and SIGMAS * np.hypot(off[a], off[b]) < APART[0])
-
     for k, c in enumerate(constraints):
         misses = is_by_laser(c) and not _fits(c, nodes, row)
-        if misses or is_decided(c):
+        if misses or k in decided:
             verdict, measured = _reviewed(c, nodes, row, config)
             if misses or measured:
                 result[k] = c.judged(verdict)
@@ -74,13 +70,17 @@ def refine_closures(
     return (*result, *anew)
 
 
-def _standard_deviations(poses: Poses, ids: Index) -> Array:
-    """(N,) m of nodes, in the direction in which each is known least; infinite where none is."""
-    if poses.covariances is None:
-        return np.full(len(ids), np.inf)
-    row = {int(i): k for k, i in enumerate(poses.ids)}
-    spread = poses.covariances[[row[int(i)] for i in ids], 3:5, 3:5]
-    return np.asarray(np.sqrt(np.linalg.eigvalsh(spread)[:, -1]))
+def _decided(
+    constraints: Sequence[Judged], row: dict[int, int], session: Index, known: Known
+) -> set[int]:
+    """Which of the constraints scans left open, and the poses decide."""
+    left = [k for k, c in enumerate(constraints) if c.verdicts and c.verdicts[-1].why in OPEN]
+    pairs = np.array([(row[constraints[k].from_id], row[constraints[k].to_id]) for k in left])
+    if not left:
+        return set()
+    together = np.diff(session[pairs], axis=1)[:, 0] == 0
+    decided = together & (SIGMAS * known(pairs) < APART[0])
+    return set(np.array(left)[decided].tolist())
 
 
 def _fits(c: Constraint, nodes: LaserNodes, row: dict[int, int]) -> bool:

@@ -9,6 +9,8 @@ all of them measure once, or a long path would be known as well as pairs are man
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,6 +40,38 @@ def variance_factor(joint: System, pairs: int, poses: Array) -> float:
     redundancy = float(measured) - joint.dimension * free
     factor = squares / redundancy if redundancy > 0 and squares > 0.0 else 1.0
     return factor * max(1.0, pairs / max(1, free))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RelativeCertainty:
+    """How certainly N poses lie beside each other, by scans whose joint alignment shapes a map."""
+
+    joint: System
+    """Of these scans, its first nodes."""
+    scans: Array
+    """(S, 3) where its nodes are."""
+    poses: Array
+    """(N, 3)."""
+    near: Index
+    """(N,) the scan that each pose errs with."""
+    against: Array
+    """(N, 3, 3) what it errs by against that scan."""
+
+    def standard_deviations(self, pairs: Index) -> Array:
+        """(P,) m of the second's place, seen from the first, of pairs (P, 2) of poses.
+
+        In the direction in which it is known least; infinite where nothing holds a pose.
+        """
+        (a, b), (tails, heads) = pairs.T, self.near[pairs].T
+        spread, apart = np.zeros((len(pairs), 3, 3)), tails != heads
+        try:
+            spread[apart] = relative_covariances(self.joint, self.scans, tails[apart], heads[apart])
+        except NotPositiveDefiniteError:
+            return np.full(len(pairs), np.inf)
+        a_in_b = planar_adjoint(between_planar(self.poses[b], self.poses[a]))
+        spread = carried(spread, self.scans[heads], self.poses[b])
+        spread += self.against[b] + transported(a_in_b, self.against[a])
+        return np.asarray(np.sqrt(np.linalg.eigvalsh(spread[:, :2, :2])[:, 1]))
 
 
 def without_unmatched(joint: System, pairs: int, blind: Index, ahead: int) -> System:

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.alignment.joint_alignment import align_in_rounds
 from mapmyworld.alignment.joint_covariance import (
+    RelativeCertainty,
     carried,
     of_anchors,
     shape_covariances,
@@ -62,6 +63,8 @@ class Refinement:
     """Root mean square distance between points and other scans' lines, metres."""
     scan_noise: tuple[float, ...]
     """(3,) m^2, m^2, rad^2: the median of the scans' own noise in x, y, yaw of the robot."""
+    certainty: RelativeCertainty
+    """How certainly the nodes lie beside each other, but for this noise."""
 
 
 def refine_poses(
@@ -112,7 +115,8 @@ def refine_poses(
         spread[where] = covariance_from_planar(_spread_of_all(every, chosen, found))
     refined = Poses(poses.ids, matrices, spread)
     noise = np.median(found.own.diagonal(0, 1, 2), axis=0)
-    return Refinement(refined, found.moved, found.residual, tuple(noise.tolist()))
+    certainty = _certainty_of_all(every, chosen, found)
+    return Refinement(refined, found.moved, found.residual, tuple(noise.tolist()), certainty)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,6 +152,8 @@ class _Aligned:
     """(S, 3, 3) each scan's own noise."""
     anchors: Index
     """(A,) scans that stay, in components that no prior places in the map."""
+    certainty: RelativeCertainty
+    """How certainly the scans lie beside each other, but for their own noise."""
 
 
 def _aligned(task: _Task, poses: Array, landmarks: Array, progress: Progress) -> _Aligned:
@@ -171,9 +177,13 @@ def _aligned(task: _Task, poses: Array, landmarks: Array, progress: Progress) ->
     moved = _moved_with(poses, rows[near], shaped.poses[near])
     others = replace(task, statements=NOTHING)
     later = _rounds(others, moved, landmarks[:0], first, progress)
+    nowhere = FARTHEST**2 * np.tile(np.eye(3), (len(places), 1, 1))
+    against = nowhere if later.spread is None else later.spread
+    certainty = replace(shaped.certainty, poses=later.poses, near=near, against=against)
     return replace(
         shaped, poses=later.poses, moved=shaped.moved + later.moved,
         spread=_spread_of_both(shaped, later, near), own=later.own, anchors=rows[shaped.anchors],
+        certainty=certainty,
     )  # fmt: skip
 
 
@@ -185,6 +195,14 @@ def _spread_of_both(shaped: _Aligned, later: _Aligned, near: Index) -> Array | N
         return None
     with_map = carried(shaped.spread[near], shaped.poses[near], later.poses)
     return np.concatenate([with_map + later.spread, shaped.spread[len(shaped.poses) :]])
+
+
+def _certainty_of_all(every: Array, chosen: Index, found: _Aligned) -> RelativeCertainty:
+    """Of all nodes, at `every` (N, 3) pose, given that of the chosen nodes."""
+    row = np.searchsorted(chosen, np.arange(len(every)), side="right") - 1
+    known = found.certainty
+    against = carried(known.against[row], every[chosen[row]], every)
+    return replace(known, poses=every, near=known.near[row], against=against)
 
 
 def _spread_of_all(every: Array, chosen: Index, found: _Aligned) -> Array:
@@ -228,7 +246,10 @@ def _rounds(
         if not held.any():
             spread += of_anchors(found.joint, own, every)[:mapped]
             anchors = np.flatnonzero(found.joint.free[:count] < 0)
-    rest = found.moved, residual, spread, own, anchors
+    certainty = RelativeCertainty(
+        known, every, every[:count], np.arange(count), np.zeros((count, 3, 3))
+    )
+    rest = found.moved, residual, spread, own, anchors, certainty
     return _Aligned(every[:count], every[count:mapped], *rest)
 
 

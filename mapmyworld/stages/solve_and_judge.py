@@ -131,7 +131,8 @@ def _refined(
     )
     if refined is None:
         return solved.poses, solved.constraints, ()
-    constraints = refine_closures(solved.constraints, refined.poses, config, loaded)
+    known = refined.certainty.standard_deviations
+    constraints = refine_closures(solved.constraints, refined.poses, known, config, loaded)
     return refined.poses, constraints, refined.scan_noise
 
 

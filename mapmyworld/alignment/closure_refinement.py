@@ -51,10 +51,10 @@ def refine_closures(
 ) -> tuple[Judged, ...]:
     """The constraints; accepted laser closures that miss the refined poses are measured anew.
 
-    So is what scans did not decide, where it is `known` how the poses lie beside each other, to
-    better than two that are compared lie apart: the graph decides it. The new measurements stand
-    behind all others; they leave open what the scans leave open. What was accepted and misses the
-    poses still is rejected.
+    So is what scans did not decide, where it is `known` how two nodes lie beside each other, pairs
+    (P, 2) of them to (P,) m, better than two poses that are compared lie apart: the graph decides
+    it. The new measurements stand behind all others; they leave open what the scans leave open.
+    What was accepted and misses the poses still is rejected.
     """
     nodes = nodes_at(loaded, poses)
     row = {int(i): k for k, i in enumerate(nodes.ids)}

@@ -16,6 +16,7 @@ _NOISE_SPAN = 8.0  # standard deviations of a range to each side that a line's s
 _NOISE_GAP = 6.0  # standard deviations of a range between neighbours that never end a surface
 _NOISE_BIN = 0.001  # m
 _NOISE_BINS = 100
+_ONE_IN = 10  # neighbours that differ at all do so by no more than the step of rounding
 _LOWER_QUARTILE = 0.3186  # of a normal distribution's distances from its mean, in sigmas
 
 
@@ -62,25 +63,40 @@ def range_noise(
 
     A range is compared with where its ray from `origin` (2,) meets the line through its two
     neighbours, which is right at any angle to a wall; the difference has 1.5 times a range's
-    variance. By their lower quartile, which corners, edges and clutter hardly move.
+    variance. By their lower quartile, which corners, edges and clutter hardly move. It is at least
+    that of rounding, a twelfth of the step squared: neighbours along a wall are rounded alike.
     """
-    counts = np.zeros(_NOISE_BINS, np.int64)
-    total = 0
+    counts, steps = np.zeros(_NOISE_BINS, np.int64), np.zeros(_NOISE_BINS, np.int64)
+    ranges = np.sqrt((xs - origin[0]) ** 2 + (ys - origin[1]) ** 2)
     for i in range(1, len(xs) - 1):
+        step = abs(ranges[i] - ranges[i - 1])
+        if step >= _NOISE_BIN:
+            steps[_bin_of(step)] += 1
         ax, ay = xs[i - 1] - origin[0], ys[i - 1] - origin[1]
         dx, dy = xs[i + 1] - xs[i - 1], ys[i + 1] - ys[i - 1]
         px, py = xs[i] - origin[0], ys[i] - origin[1]
         across = px * dy - py * dx
         if abs(across) < 1e-12:
             continue
-        off = abs(1.0 - (ax * dy - ay * dx) / across) * np.sqrt(px * px + py * py)
-        counts[min(int(off / _NOISE_BIN), _NOISE_BINS - 1)] += 1
-        total += 1
-    seen, low = 0, 0
-    while low < _NOISE_BINS - 1 and 4 * (seen + counts[low]) < total:
+        off = abs(1.0 - (ax * dy - ay * dx) / across) * ranges[i]
+        counts[_bin_of(off)] += 1
+    noise = _quantile(counts, 4) / (_LOWER_QUARTILE * np.sqrt(1.5))
+    return float(max(noise, _quantile(steps, _ONE_IN) / np.sqrt(12.0)))
+
+
+@inner_jit
+def _bin_of(metres: float) -> int:
+    return min(int(metres / _NOISE_BIN), _NOISE_BINS - 1)
+
+
+@inner_jit
+def _quantile(counts: NDArray[np.int64], one_in: int) -> float:
+    """Metres below which one in so many lies, of a histogram (B,); the middle of its bin."""
+    total, seen, low = counts.sum(), 0, 0
+    while low < _NOISE_BINS - 1 and one_in * (seen + counts[low]) < total:
         seen += counts[low]
         low += 1
-    return float(_NOISE_BIN * (low + 0.5) / (_LOWER_QUARTILE * np.sqrt(1.5)))
+    return _NOISE_BIN * (low + 0.5)
 
 
 @inner_jit

@@ -75,9 +75,9 @@ def _decided(
 ) -> set[int]:
     """Which of the constraints scans left open, and the poses decide."""
     left = [k for k, c in enumerate(constraints) if c.verdicts and c.verdicts[-1].why in OPEN]
-    pairs = np.array([(row[constraints[k].from_id], row[constraints[k].to_id]) for k in left])
     if not left:
         return set()
+    pairs = np.array([(row[constraints[k].from_id], row[constraints[k].to_id]) for k in left])
     together = np.diff(session[pairs], axis=1)[:, 0] == 0
     decided = together & (SIGMAS * known(pairs) < APART[0])
     return set(np.array(left)[decided].tolist())

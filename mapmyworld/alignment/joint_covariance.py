@@ -9,7 +9,7 @@ all of them measure once, or a long path would be known as well as pairs are man
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,17 @@ class RelativeCertainty:
     """(N,) the scan that each pose errs with."""
     against: Array
     """(N, 3, 3) what it errs by against that scan."""
+
+    @staticmethod
+    def of(joint: System, poses: Array, count: int) -> RelativeCertainty:
+        """That of the first `count` nodes of a system, whose N nodes are at `poses` (N, 3)."""
+        exact = np.zeros((count, 3, 3))
+        return RelativeCertainty(joint, poses, poses[:count], np.arange(count), exact)
+
+    def carried_to(self, poses: Array, row: Index) -> RelativeCertainty:
+        """That of other poses (M, 3), which move with the known ones at `row` (M,)."""
+        against = carried(self.against[row], self.poses[row], poses)
+        return replace(self, poses=poses, near=self.near[row], against=against)
 
     def standard_deviations(self, pairs: Index) -> Array:
         """(P,) m of the second's place, seen from the first, of pairs (P, 2) of poses.

@@ -105,6 +105,7 @@ def refine_poses(
             for mine in [(chosen >= a) & (chosen < b)]
         ]
     )
+    row = np.searchsorted(chosen, np.arange(len(every)), side="right") - 1
     moved = np.concatenate([every, found.landmarks])
     where = np.array([rows[int(i)] for i in (*(n.id for n in nodes), *statements.landmarks)])
     matrices = np.array(poses.map_from_node)
@@ -112,10 +113,10 @@ def refine_poses(
     spread = poses.covariances
     if spread is not None and found.spread is not None:
         spread = np.array(spread)
-        spread[where] = covariance_from_planar(_spread_of_all(every, chosen, found))
+        spread[where] = covariance_from_planar(_spread_of_all(every, chosen, row, found))
     refined = Poses(poses.ids, matrices, spread)
     noise = np.median(found.own.diagonal(0, 1, 2), axis=0)
-    certainty = _certainty_of_all(every, chosen, found)
+    certainty = found.certainty.carried_to(every, row)
     return Refinement(refined, found.moved, found.residual, tuple(noise.tolist()), certainty)
 
 
@@ -197,19 +198,13 @@ def _spread_of_both(shaped: _Aligned, later: _Aligned, near: Index) -> Array | N
     return np.concatenate([with_map + later.spread, shaped.spread[len(shaped.poses) :]])
 
 
-def _certainty_of_all(every: Array, chosen: Index, found: _Aligned) -> RelativeCertainty:
-    """Of all nodes, at `every` (N, 3) pose, given that of the chosen nodes."""
-    row = np.searchsorted(chosen, np.arange(len(every)), side="right") - 1
-    known = found.certainty
-    against = carried(known.against[row], every[chosen[row]], every)
-    return replace(known, poses=every, near=known.near[row], against=against)
+def _spread_of_all(every: Array, chosen: Index, row: Index, found: _Aligned) -> Array:
+    """(N + L, 3, 3) covariances of all nodes and landmarks, given those of the chosen nodes.
 
-
-def _spread_of_all(every: Array, chosen: Index, found: _Aligned) -> Array:
-    """(N + L, 3, 3) covariances of all nodes and landmarks, given those of the chosen nodes."""
+    Nodes, at `every` (N, 3) pose, move with the one of `chosen` (S,) at their `row` (N,).
+    """
     assert found.spread is not None
     count = len(chosen)
-    row = np.searchsorted(chosen, np.arange(len(every)), side="right") - 1
     spread = carried(found.spread[row], every[chosen[row]], every) + found.own[row]
     spread[chosen[found.anchors]] = 0.0
     return np.concatenate([spread, found.spread[count:]])
@@ -246,10 +241,7 @@ def _rounds(
         if not held.any():
             spread += of_anchors(found.joint, own, every)[:mapped]
             anchors = np.flatnonzero(found.joint.free[:count] < 0)
-    certainty = RelativeCertainty(
-        known, every, every[:count], np.arange(count), np.zeros((count, 3, 3))
-    )
-    rest = found.moved, residual, spread, own, anchors, certainty
+    rest = found.moved, residual, spread, own, anchors, RelativeCertainty.of(known, every, count)
     return _Aligned(every[:count], every[count:mapped], *rest)
 
 

@@ -16,7 +16,7 @@ _NOISE_SPAN = 8.0  # standard deviations of a range to each side that a line's s
 _NOISE_GAP = 6.0  # standard deviations of a range between neighbours that never end a surface
 _NOISE_BIN = 0.001  # m
 _NOISE_BINS = 100
-_ONE_IN = 10  # neighbours that differ at all do so by no more than the step of rounding
+_ONE_IN = 10  # neighbours that differ do so by the step to which ranges are rounded, or less
 _LOWER_QUARTILE = 0.3186  # of a normal distribution's distances from its mean, in sigmas
 
 

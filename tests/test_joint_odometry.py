@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from mapmyworld.alignment import joint_alignment
 from mapmyworld.alignment.joint_alignment import align_in_rounds
-from mapmyworld.alignment.joint_odometry import with_odometry
+from mapmyworld.alignment.joint_odometry import calibrated_odometry
 from mapmyworld.api import Silent
-from mapmyworld.backend.system import System
+from mapmyworld.backend.system import System, with_edges
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
@@ -48,6 +48,7 @@ class Drive:
         position = ahead + METRES_PER_RADIAN * np.abs(turn)
         heading = np.abs(turn) + RADIANS_PER_METRE * ahead
         lengths = np.stack([position, position, heading], axis=1)
+        self.steps = steps
         recorded = steps + random.normal(size=steps.shape) * NOISE * np.sqrt(lengths)
         recorded[:, 2] = (1.0 - ERRORS[5]) * recorded[:, 2] - ERRORS[4] * recorded[:, 0]
         recorded[:, :2] /= 1.0 + ERRORS[0] + slower
@@ -84,13 +85,13 @@ def test_what_was_tracked_counts_where_odometry_is_at_fault() -> None:
     assert found.trusted.mean() > 0.93
     np.testing.assert_allclose(np.sqrt(found.noise[0]), NOISE, rtol=0.5)
     matched = np.ones(COUNT - 1, np.bool_)
-    joint = with_odometry(NO_EDGES, drive.nodes, np.arange(COUNT), drive.motions(), matched)
-    tracked = np.isin(joint.tails, drive.faults)
-    np.testing.assert_array_equal(joint.information[tracked], np.tile(EXACT, (20, 1, 1)))
-    assert sorted(joint.tails.tolist()) == list(range(COUNT - 1))
+    edges, known = calibrated_odometry(drive.nodes, np.arange(COUNT), drive.motions(), matched)
+    for information in (edges[3], known):
+        np.testing.assert_array_equal(information[drive.faults], np.tile(EXACT, (20, 1, 1)))
+    np.testing.assert_array_equal(edges[0], np.arange(COUNT - 1))
 
 
-def test_motions_that_walls_leave_open_show_nothing_of_the_scale() -> None:
+def test_motions_that_walls_leave_open_show_neither_scale_nor_noise_along_them() -> None:
     """They are the odometry's own, by the scale that was known at their time: 5 % too large."""
     drive = Drive()
     tails, heads, true, information = drive.motions()
@@ -99,11 +100,18 @@ def test_motions_that_walls_leave_open_show_nothing_of_the_scale() -> None:
     information[::2] = np.diag([1.0, 1e8, 1e9])
     matched = np.ones(COUNT - 1, np.bool_)
     tracked = tails, heads, found, information
-    joint = with_odometry(NO_EDGES, drive.nodes, np.arange(COUNT), tracked, matched)
-    by_wheels = np.abs(joint.measured - found[joint.tails]).max(axis=1) > 1e-9
+    edges, known = calibrated_odometry(drive.nodes, np.arange(COUNT), tracked, matched)
+    measured, weights = edges[2:]
+    by_wheels = np.abs(measured - found).max(axis=1) > 1e-9
     assert by_wheels.mean() > 0.9
-    ahead = joint.measured[by_wheels, 0].sum() / true[joint.tails[by_wheels], 0].sum()
+    ahead = measured[by_wheels, 0].sum() / true[by_wheels, 0].sum()
     assert ahead == pytest.approx(1.0, abs=0.006)
+    path = np.hypot(*drive.steps[:, :2].T) + METRES_PER_RADIAN * np.abs(drive.steps[:, 2])
+    noise = 1.0 / np.sqrt(weights[by_wheels, 0, 0] * path[by_wheels])
+    np.testing.assert_allclose(noise, NOISE[0], rtol=0.2)
+    is_open = by_wheels & (np.arange(COUNT - 1) % 2 == 0)
+    np.testing.assert_allclose(known[is_open, 0, 0], 1.0)
+    np.testing.assert_array_equal(known[~is_open], weights[~is_open])
 
 
 def test_every_session_has_wheels_of_its_own() -> None:
@@ -128,11 +136,9 @@ def test_a_robot_that_stands_and_motions_that_nothing_matched_are_as_tracked(mat
         steps = planar_to_matrix(poses)
         nodes = [Node(k + 1, 1, k, steps[k], steps[k]) for k in range(3)]
     which = np.full(2, matched)
-    joint = with_odometry(NO_EDGES, nodes, np.arange(3), tracked, which)
-    assert joint.tails.tolist() == [0, 1]
-    assert joint.heads.tolist() == [1, 2]
-    np.testing.assert_array_equal(joint.measured, tracked[2])
-    np.testing.assert_array_equal(joint.information, tracked[3])
+    edges, known = calibrated_odometry(nodes, np.arange(3), tracked, which)
+    for found, expected in zip((*edges, known), (*tracked, tracked[3]), strict=True):
+        np.testing.assert_array_equal(found, expected)
 
 
 @pytest.mark.parametrize("pull", [0.001, 0.003])
@@ -158,7 +164,8 @@ def test_what_all_pairs_have_in_common_shortens_no_path_round_by_round(
 
     monkeypatch.setattr(joint_alignment, "pair_systems", measure)
     matched = np.ones(COUNT - 1, np.bool_)
-    odometry = with_odometry(NO_EDGES, drive.nodes, np.arange(COUNT), drive.motions(), matched)
+    edges, _ = calibrated_odometry(drive.nodes, np.arange(COUNT), drive.motions(), matched)
+    odometry = with_edges(NO_EDGES, *edges)
     ways = []
     for rounds in (3, 6, 24):
         rest = (lambda _: pairs), Config(threads=1), Silent(), np.full(rounds, 0.12)

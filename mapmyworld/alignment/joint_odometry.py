@@ -14,29 +14,32 @@ from numpy.typing import NDArray
 
 from mapmyworld.alignment.joint_system import Edges
 from mapmyworld.backend.block_matrix import diagonals
-from mapmyworld.backend.system import System, with_edges
-from mapmyworld.geometry import Index
+from mapmyworld.geometry import Array, Index
 from mapmyworld.kernels.laser_motion import is_degenerate
 from mapmyworld.odometry.motion_calibration import CalibratedMotions
 from mapmyworld.types import Node
 
 
-def with_odometry(
-    system: System, nodes: Sequence[Node], chosen: Index, tracked: Edges, matched: NDArray[np.bool_]
-) -> System:
-    """The system with the odometry between `chosen` nodes (S,), its first ones, behind its edges.
+def calibrated_odometry(
+    nodes: Sequence[Node], chosen: Index, tracked: Edges, matched: NDArray[np.bool_]
+) -> tuple[Edges, Array]:
+    """Edges (E,) of the odometry between `chosen` nodes (S,), in place of the `tracked` motions
+    (E,), and the information (E, 3, 3) by which covariances count them.
 
-    It is calibrated, and its noise learnt, by what it misses the `tracked` motions (E,). Along
-    walls these are its own, and show no scale: there headings alone calibrate it. They count where
-    there is no odometry, or it is at fault, or the robot stood; and if not `matched` (E,): they are
-    odometry then, and tracking knows of stalls.
+    It is calibrated, and its noise learnt, by what it misses these motions. Along walls they are
+    its own, and show neither. There it may err by more than its noise: no less than the motions
+    that it was part of. As a weight that would be too little, for pairs err alike along walls.
+    Tracked motions stay where there is no odometry, or it is at fault, or the robot stood; and if
+    not `matched` (E,): they are odometry then, and tracking knows of stalls.
     """
     tails, heads, found, information = tracked
     is_open = np.array([is_degenerate(one) for one in information], np.bool_)
     ends = chosen[tails], chosen[heads]
     motions = CalibratedMotions(nodes, ends, found, matched, is_open)
-    rows, others = np.flatnonzero(motions.trusted), np.flatnonzero(~motions.trusted)
-    known, measured = diagonals(1.0 / motions.variances()[rows]), motions.measured()[rows]
-    system = with_edges(system, tails[rows], heads[rows], measured, known)
-    given = found[others], information[others]
-    return with_edges(system, tails[others], heads[others], *given)
+    use, noise = motions.trusted[:, None], motions.variances()
+    least = np.maximum(noise, np.linalg.inv(information).diagonal(0, 1, 2))
+    measured = np.where(use, motions.measured(), found)
+    weights, known = (
+        np.where(use[:, None], diagonals(1.0 / one), information) for one in (noise, least)
+    )
+    return (tails, heads, measured, weights), known

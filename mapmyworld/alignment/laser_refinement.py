@@ -18,7 +18,7 @@ from mapmyworld.alignment.joint_covariance import (
     shape_covariances,
     without_unmatched,
 )
-from mapmyworld.alignment.joint_odometry import with_odometry
+from mapmyworld.alignment.joint_odometry import calibrated_odometry
 from mapmyworld.alignment.joint_system import (
     NOTHING,
     Statements,
@@ -227,13 +227,17 @@ def _rounds(
     stated, field = with_edges(system, *motions), field_of_view(task.scans.rows[:, 4])
     compared = ComparedScans(task.session[task.chosen], held, stated, start, field, settings)
     compare = compared.pairs_at
-    system = with_odometry(system, task.nodes, task.chosen, motions, matched)
+    odometry, certainty = calibrated_odometry(task.nodes, task.chosen, motions, matched)
+    behind, system = len(system.tails), with_edges(system, *odometry)
     found = align_in_rounds(task.scans, system, start, compare, config, progress)
     every, residual = found.poses, found.residual
     own = shape_covariances(task.scans, residual)
     noise = np.median(own.diagonal(0, 1, 2), axis=0)
     own += diagonals(sweep_variances(task.nodes, task.frames, noise, settings)[task.chosen])
-    known = without_unmatched(found.joint, found.pairs, blind, AHEAD)
+    information = found.joint.information.copy()
+    information[behind : len(system.tails)] = certainty
+    known = replace(found.joint, information=information)
+    known = without_unmatched(known, found.pairs, blind, AHEAD)
     mapped = len(poses) + len(landmarks)  # the map's frame is a node as well
     spread, anchors = marginal_covariances(known, every), np.zeros(0, np.int64)
     if spread is not None:

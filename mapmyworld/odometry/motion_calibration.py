@@ -54,8 +54,7 @@ class CalibratedMotions:
         """From node to node, by indices `ends` (E,), first calibrated by motions `found` (E, 3).
 
         These count where each `is_found` (E,), the robot moved, and they are not those recorded.
-        Where one `is_open` (E,) along walls its position is the odometry's, and shows nothing
-        systematic.
+        Where one `is_open` (E,) along walls its position is the odometry's, and shows nothing.
         """
         odometry = matrix_to_planar(np.stack([node.odom_from_base for node in nodes]))
         steps = between_planar(odometry[:-1], odometry[1:])
@@ -68,7 +67,9 @@ class CalibratedMotions:
         position = metres + METRES_PER_RADIAN * radians
         heading = radians + RADIANS_PER_METRE * metres
         self.recorded = between_planar(odometry[before], odometry[after])
-        self._is_open = np.zeros(len(found), np.bool_) if is_open is None else is_open
+        self._shows = np.ones((len(found), 3), np.bool_)
+        if is_open is not None:
+            self._shows[is_open, :2] = False
         self._lengths = np.maximum(np.stack([position, position, heading], axis=1), MOVES)
         told = np.abs(self.recorded - found).max(axis=1) > _EXACTLY
         self._usable = np.asarray(is_found & told & (metres + radians > MOVES))
@@ -111,8 +112,8 @@ class CalibratedMotions:
         One more residual is as large as was believed: where there are few, little changes.
         """
         use = self._trusted_of(k)
-        squares = self.missed(found)[use] ** 2 / self.variances()[use]
-        change = (1.0 + squares.sum(axis=0)) / (1.0 + len(use))
+        shows, squares = self._shows[use], self.missed(found)[use] ** 2 / self.variances()[use]
+        change = (1.0 + np.sum(squares * shows, axis=0)) / (1.0 + np.sum(shows, axis=0))
         self.noise[k] = np.maximum(self.noise[k] * change, _LEAST)
 
     def calibrate(self, k: int, found: Array) -> None:
@@ -121,8 +122,7 @@ class CalibratedMotions:
         By the rotation that was found: noise of the recorded one would make it less.
         """
         use, self.errors[k] = self._trusted_of(k), 0.0
-        weight = 1.0 / self.variances()[use]
-        weight[self._is_open[use], :2] = 0.0
+        weight = self._shows[use] / self.variances()[use]
         rows = error_jacobians(self.recorded[use], found[use, 2])
         missed = self.missed(found)[use]
         weighed = rows.swapaxes(1, 2) * weight[:, None]

@@ -38,8 +38,9 @@ def calibrated_odometry(
     motions = CalibratedMotions(nodes, ends, found, matched, is_open)
     use, noise = motions.trusted[:, None], motions.variances()
     least = np.maximum(noise, np.linalg.inv(information).diagonal(0, 1, 2))
+
+    def known(variances: Array) -> Array:
+        return np.where(use[:, None], diagonals(1.0 / variances), information)
+
     measured = np.where(use, motions.measured(), found)
-    weights, known = (
-        np.where(use[:, None], diagonals(1.0 / one), information) for one in (noise, least)
-    )
-    return (tails, heads, measured, weights), known
+    return (tails, heads, measured, known(noise)), known(least)

@@ -143,14 +143,8 @@ class Hypothesis:
     """Log density, in nats, of what leads there, less that where it is largest."""
 
     def beyond(self, other: Hypothesis, size: int = 1) -> float:
-        """Points by which this pose is likelier than another one, of submaps of this size.
-
-        Too few where the other one has more evidence and a drift as likely: about corners bent
-        submaps contradict each other most at the true pose.
-        """
-        surpassed = self.agreement.evidence - other.agreement.evidence + size * MARGIN
-        by_scans = min(self.agreement.beyond(other.agreement), surpassed)
-        return by_scans + (self.prior - other.prior) * size / NATS
+        """Points by which this pose is likelier than another one, of submaps of this size."""
+        return self.agreement.beyond(other.agreement) + (self.prior - other.prior) * size / NATS
 
 
 def _log_odds(judged: Index, rates: tuple[float, float]) -> float:

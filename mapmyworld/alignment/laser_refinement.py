@@ -33,7 +33,7 @@ from mapmyworld.alignment.laser_pairs import (
     field_of_view,
 )
 from mapmyworld.backend.block_matrix import diagonals
-from mapmyworld.backend.system import with_edges
+from mapmyworld.backend.system import with_edges, with_information
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import (
@@ -227,25 +227,23 @@ def _rounds(
     stated, field = with_edges(system, *motions), field_of_view(task.scans.rows[:, 4])
     compared = ComparedScans(task.session[task.chosen], held, stated, start, field, settings)
     compare = compared.pairs_at
-    odometry, certainty = calibrated_odometry(task.nodes, task.chosen, motions, matched)
+    odometry, known = calibrated_odometry(task.nodes, task.chosen, motions, matched)
     behind, system = len(system.tails), with_edges(system, *odometry)
     found = align_in_rounds(task.scans, system, start, compare, config, progress)
     every, residual = found.poses, found.residual
     own = shape_covariances(task.scans, residual)
     noise = np.median(own.diagonal(0, 1, 2), axis=0)
     own += diagonals(sweep_variances(task.nodes, task.frames, noise, settings)[task.chosen])
-    information = found.joint.information.copy()
-    information[behind : len(system.tails)] = certainty
-    known = replace(found.joint, information=information)
-    known = without_unmatched(known, found.pairs, blind, AHEAD)
+    certain = with_information(found.joint, behind, known)
+    certain = without_unmatched(certain, found.pairs, blind, AHEAD)
     mapped = len(poses) + len(landmarks)  # the map's frame is a node as well
-    spread, anchors = marginal_covariances(known, every), np.zeros(0, np.int64)
+    spread, anchors = marginal_covariances(certain, every), np.zeros(0, np.int64)
     if spread is not None:
         spread = spread[:mapped]
         if not held.any():
             spread += of_anchors(found.joint, own, every)[:mapped]
             anchors = np.flatnonzero(found.joint.free[:count] < 0)
-    rest = found.moved, residual, spread, own, anchors, RelativeCertainty.of(known, every, count)
+    rest = found.moved, residual, spread, own, anchors, RelativeCertainty.of(certain, every, count)
     return _Aligned(every[:count], every[count:mapped], *rest)
 
 

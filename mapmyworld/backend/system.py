@@ -117,6 +117,13 @@ def with_edges(
     )
 
 
+def with_information(system: System, first: int, information: Array) -> System:
+    """The system where edges from the `first` on have other information (K, d, d)."""
+    found = system.information.copy()
+    found[first : first + len(information)] = information
+    return replace(system, information=found, factors=None)
+
+
 def believed_edges(system: System, which: NDArray[np.bool_]) -> System:
     """The system with edges of a mask (E,); the first node of every component they leave stays."""
     part, held = chosen_edges(system, which), np.flatnonzero(system.free < 0)

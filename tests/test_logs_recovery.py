@@ -344,6 +344,18 @@ def test_a_message_shorter_than_its_head_costs_no_other(tmp_path: Path) -> None:
     allowed(lambda: read(path), str(path))
 
 
+def test_a_damaged_definition_costs_no_message(tmp_path: Path) -> None:
+    """In a file without chunks, where nothing is known yet of the messages behind it."""
+    data = bytearray(FILES["bare.mcap"][1](tmp_path / "bare.mcap").read_bytes())
+    whole, _ = read(tmp_path / "bare.mcap")
+    place = next(at for at, opcode in mcap_places(bytes(data)) if opcode == 4)
+    data[place + 9 + 7] ^= 0x55  # how long the topic's name is, which its record's length belies
+    (tmp_path / "a.mcap").write_bytes(data)
+    records, losses = read(tmp_path / "a.mcap")
+    assert records == whole  # the summary names the topic once more
+    assert any("a definition left out" in line for line in losses)
+
+
 def mcap_places(data: bytes) -> list[tuple[int, int]]:
     """Where the records of a file begin, and their opcodes."""
     found, at = [], len(MAGIC)

@@ -16,8 +16,14 @@ from mapmyworld.types import ImuMessage
 G = 9.81
 
 
-def felt(slope_deg: float, seconds: float, *, braking: float = 0.0, frame: str = "base_link"):
-    """The room's drive with an inertial sensor that feels a slope from its third second on."""
+def felt(
+    slope_deg: float, seconds: float, *, braking: float = 0.0, frame: str = "base_link",
+    damaged: int = -1,
+) -> MemoryLog:  # fmt: skip
+    """The room's drive with an inertial sensor that feels a slope from its third second on.
+
+    One sample's force may be damaged so that its square is beyond what a number holds.
+    """
     entries, rng = list(drive(150).entries), np.random.default_rng(0)
     for k in range(int(150 * STEP_NS * 1e-9 * 50)):
         time = k / 50.0
@@ -25,6 +31,7 @@ def felt(slope_deg: float, seconds: float, *, braking: float = 0.0, frame: str =
         push = braking if int(time) % 3 == 0 and time % 1.0 < 0.5 else 0.0
         force = G * np.array([np.sin(lean), 0.0, np.cos(lean)]) + [push, 0.0, 0.0]
         force += rng.normal(0.0, 0.3, 3)
+        force = np.array([1e200, -1e300, G]) if k == damaged else force
         stamp = START_NS + round(time * 1e9)
         entries.append(("/imu", ImuMessage(stamp, frame, None, np.zeros(3), force), stamp))
     return MemoryLog(entries)
@@ -48,6 +55,10 @@ def test_a_slope_under_a_flat_map_is_reported_with_its_angle() -> None:
 )
 def test_level_ground_braking_and_a_threshold_are_no_slope(log: MemoryLog) -> None:
     assert "slopes" not in losses(log)
+
+
+def test_a_damaged_force_is_no_slope_and_no_warning() -> None:
+    assert "slopes" not in losses(felt(0.0, 0.0, damaged=200))
 
 
 def test_an_inertial_sensor_that_sits_nowhere_is_a_loss() -> None:

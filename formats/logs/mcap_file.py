@@ -131,7 +131,12 @@ class _McapScan(RecordScan):
         elif opcode in {HEADER, SCHEMA, CHANNEL}:
             if length > MAX_DEFINITION_BYTES:
                 raise DamagedBlockError(f"a definition claims {length} bytes")
-            self._definition(opcode, self.stream.read(length))
+            try:
+                self._definition(opcode, self.stream.read(length))
+            except DamagedBlockError as error:  # what it names may be named again, or known anyway
+                self.index.problems.append(
+                    f"{self.path}: damaged at byte {position} ({error}): a definition left out"
+                )
         return after
 
     def _definition(self, opcode: int, content: bytes) -> None:

@@ -34,7 +34,7 @@ class Forces:
     def slope(self) -> float:
         """Radians by which the steepest window leans from the usual up; 0 where it is unknown."""
         windows = _means(np.array(self._stamps), np.array(self._values).reshape(-1, 3))
-        lengths = np.linalg.norm(windows, axis=1)
+        lengths = np.hypot.reduce(windows, axis=1)  # squares of damaged values overflow
         usual = float(np.median(lengths)) if len(lengths) else 0.0
         low, high = (share * usual for share in _TRUE_FORCE)
         kept = (lengths > low) & (lengths < high)

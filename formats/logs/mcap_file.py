@@ -133,9 +133,9 @@ class _McapScan(RecordScan):
                 raise DamagedBlockError(f"a definition claims {length} bytes")
             try:
                 self._definition(opcode, self.stream.read(length))
-            except DamagedBlockError as error:  # what it names may be named again, or known anyway
+            except DamagedBlockError as error:  # what it names the summary may name once more
                 self.index.problems.append(
-                    f"{self.path}: damaged at byte {position} ({error}): a definition left out"
+                    f"{self.path}: record at byte {position} skipped: {error}"
                 )
         return after
 

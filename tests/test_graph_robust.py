@@ -129,6 +129,27 @@ def test_a_group_is_judged_however_large_it_is(size: int) -> None:
     assert np.array_equal(np.sort(problem.order[found.members[worst]]), false)
 
 
+def test_a_group_within_what_it_states_stays_beside_groups_that_fit_better() -> None:
+    """All closures state 2 m; those of one group are off by 2 m, the others by 3 cm."""
+    truth = lawn()
+    graph = drive(truth, meetings(truth))
+    stated, measured = graph.edges.information.copy(), graph.edges.i_from_j.copy()
+    closures = np.flatnonzero(~graph.edges.odometry)
+    stated[closures] = np.diag(np.array([2.0, 2.0, 0.5]) ** -2.0)
+    off = closures[: len(closures) // 4]
+    measured[off] = compose_planar(measured[off], np.array([2.0, 0.0, 0.0]))
+    edges = replace(graph.edges, information=stated, i_from_j=measured)
+    problem = problem_of(replace(graph, edges=edges))
+    asked = np.flatnonzero(problem.order >= len(truth) - 1)
+    is_off = np.isin(problem.order[asked], off)
+    groups = np.where(is_off, 0, 1 + np.arange(len(asked)) // 8)
+    every = np.ones(len(measured), np.bool_)
+    poses = optimised_roughly(problem.system, np.vstack([truth, np.zeros(3)]))
+    found = judge_groups(problem.system, poses, every, asked, groups, PLAIN.inlier_probability)
+    assert found.scale < 0.05
+    assert (found.excess < 0.5).all()
+
+
 def test_a_closure_that_alone_corrects_a_drift_is_recovered():
     """One closure at the end of a long drive misses what odometry indicates by metres, within what
     odometry allows; nothing else supports it, and nothing looks false.

@@ -23,8 +23,6 @@ from mapmyworld.graph.consistency import Consistency, alternatives
 
 _NEAR = 30  # nodes of path between the ends of closures of one group, at most
 _LARGEST = 60  # closures of a group that are compared with the rest, at most: they stand for all
-_TOLERANCE = 10.0  # times the typical squared sigmas that true closures may reach besides
-_STRICTEST = 0.01  # share of the stated limit that always passes
 HEAVY = 2.0
 """Times the limit that a lone closure may reach where chance does not explain it."""
 _UNBIASED = 1e-6  # share of a group's information left by the rest, below which nothing predicts it
@@ -39,7 +37,7 @@ class Judgement:
     excess: Array
     """(G,) squared sigmas over what may be: above one is contradicted.
 
-    What may be follows the typical group where that misses by more, or by far less, than stated.
+    What may be follows the typical group where that misses by more than stated.
     """
     evidence: Array
     """(G,) logarithm of how much likelier the group's best fit is than chance."""
@@ -58,15 +56,6 @@ def groups_of(system: System, closures: Index, consistency: Consistency, limit: 
     apart = np.abs(np.diff(tails[pairs], axis=1)) + np.abs(np.diff(heads[pairs], axis=1))
     agree = (consistency.chi2 <= limit) & (apart[:, 0] <= _NEAR)
     return components(len(closures), pairs[agree, 0], pairs[agree, 1])
-
-
-def allowed(scale: float) -> float:
-    """By what the limit of squared sigmas is multiplied where the typical group has `scale`.
-
-    Covariances that are stated too small must not condemn everything, those stated far too large
-    must not let everything pass.
-    """
-    return max(scale, min(1.0, _TOLERANCE * scale), _STRICTEST)
 
 
 def chance_of(fit: Array, volume: Array, space: float, freedom: int) -> Array:
@@ -128,7 +117,7 @@ def judge_groups(
     scale = float(np.median(chi2 / chi_squared_quantile(0.5, freedom))) if len(kept) else 1.0
     fit = chi2 * system.dimension / freedom
     evidence = evidence_of(fit, volume, space, scale, system.dimension)
-    most = np.where(freedom == system.dimension, HEAVY, 1.0) * allowed(scale)
+    most = np.where(freedom == system.dimension, HEAVY, 1.0) * max(scale, 1.0)
     excess = chi2 / (most * chi_squared_quantile(probability, freedom))
     return Judgement(members, excess, evidence, scale)
 

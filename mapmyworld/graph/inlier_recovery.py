@@ -12,7 +12,7 @@ from mapmyworld.backend.information import NotPositiveDefiniteError, information
 from mapmyworld.backend.predictions import predictions
 from mapmyworld.backend.system import System, believed_edges, chosen_edges, edge_chi2
 from mapmyworld.geometry import Array, Index
-from mapmyworld.graph.clusters import HEAVY, allowed, chance_of
+from mapmyworld.graph.clusters import HEAVY, chance_of
 from mapmyworld.graph.consistency import alternatives
 
 _CANDIDATES = 3000  # closures left out that are tried again at once, best fitting first
@@ -45,7 +45,7 @@ def recoverable(
     except NotPositiveDefiniteError:  # a landmark that is seen once has no covariance
         return recovered
     space = float(np.log(alternatives(system.planar, system.measured[~inliers])))
-    farthest = np.full(len(fit), HEAVY * limit * allowed(scale))
+    farthest = np.full(len(fit), HEAVY * limit * max(scale, 1.0))
     chance, most = (chance_of(f, volume, space, system.dimension) for f in (fit, farthest))
     lucky = expected_below(chance, most[fit > farthest])
     recovered[candidates] = (fit <= farthest) & (lucky <= _FALSE)

@@ -9,10 +9,10 @@ import numpy as np
 from mapmyworld.config import OdometryConfig
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar
-from mapmyworld.kernels.laser_motion import FAINT
+from mapmyworld.kernels.laser_motion import FAINT, STEP_VARIANCE
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
-from mapmyworld.registration.scan_matching import COARSE, Match, PreparedScan
+from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan
 from mapmyworld.registration.scan_search import APART, are_one, evidence_elsewhere, search_about
 from mapmyworld.registration.submaps import NATS
 
@@ -130,7 +130,8 @@ def likeliest_match(
         and bool((reach <= (distance, angle)).all())  # else it may be where nothing is known
         and keyframes.share_seen_through(scan, prior.pose) >= SEEN
     )
-    for match in keyframes.matches(scan, starts, _WEAK_PRIOR, COARSE, settings):
+    held = _held(scan, keyframes, prior, first, settings)
+    for match in [*keyframes.matches(scan, starts, _WEAK_PRIOR, COARSE, settings), held]:
         other = place.agreement_with(view, match.pose)
         if other.evidence < needed or not _has_points(match, scan):
             continue
@@ -149,6 +150,22 @@ def likeliest_match(
             best, most = match, more
     is_likely = beyond_chance + prior.fits / NATS >= 0.0
     return first if best is None and is_likely else best
+
+
+def _held(
+    scan: PreparedScan, keyframes: Keyframes, prior: Prior, first: Match, settings: Array
+) -> Match:
+    """A match that shows nothing in the direction of the plane that the `first` one shows least.
+
+    Along walls a few points that err together, as on jambs between two beams, look like many.
+    """
+    spread = np.linalg.inv(first.information + FAINT * np.eye(3))[:2, :2]
+    along = np.append(np.linalg.eigh(spread)[1][:, 1], 0.0)
+    known = _WEAK_PRIOR + np.outer(along, along) / STEP_VARIANCE
+    match = keyframes.match(scan, prior.pose, known, FINE, settings)
+    lost = match.information @ along
+    share = np.outer(lost, lost) / max(float(along @ lost), FAINT)
+    return replace(match, information=match.information - share)
 
 
 def _has_points(match: Match, scan: PreparedScan) -> bool:

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import Array, Index
+from mapmyworld.geometry import Index
 from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 from mapmyworld.places.laser_nodes import LaserNodes, calm_spots
-from mapmyworld.places.path_drift import SIGMAS
 from mapmyworld.registration.submaps import MARGIN
 from mapmyworld.types import Judged, ScanMatch, Why
 
@@ -107,25 +106,6 @@ def _nearest_of_revisits(near: Index, apart: NDArray[np.float64], most: int) -> 
     best = order[np.diff(runs[order], prepend=-1) != 0]
     chosen = np.argsort(apart[best], kind="stable")[:most]
     return sorted(near[best[chosen]].tolist())
-
-
-def drift_window(nodes: LaserNodes, a: int, b: int, widest: float) -> tuple[float, float]:
-    """Metres, `widest` at most, and radians to each side that the drift between two nodes spans."""
-    metres, radians = nodes.drift.reach(a, b)
-    return min(SLACK[0] + float(metres), widest), min(SLACK[1] + float(radians), np.pi)
-
-
-def drift_sigmas(nodes: LaserNodes, a: int, b: int) -> Array:
-    """(3,) m, m, rad: a third of the window, however wide."""
-    metres, radians = drift_window(nodes, a, b, np.inf)
-    return np.array([metres, metres, radians]) / SIGMAS
-
-
-def drift_prior(nodes: LaserNodes, a: int, b: int, pose: Array) -> float:
-    """Log density, in nats, of a drift that has b at `pose` (3,) seen from a, less that of none."""
-    guess = between_planar(nodes.poses[a], nodes.poses[b])
-    drift = between_planar(guess, pose) / drift_sigmas(nodes, a, b)
-    return -0.5 * float(drift @ drift)
 
 
 def untied(nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config) -> Pairs:

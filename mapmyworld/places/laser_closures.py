@@ -17,15 +17,13 @@ from mapmyworld.geometry.planar import (
 )
 from mapmyworld.kernels.laser_motion import FAINT, is_degenerate
 from mapmyworld.parallel import in_threads
+from mapmyworld.places.drift_priors import DriftPrior, drift_priors
 from mapmyworld.places.laser_candidates import (
     EVERYWHERE,
     FIRST_WINDOW,
     MOST,
     Pairs,
     candidate_pairs,
-    drift_prior,
-    drift_sigmas,
-    drift_window,
     lost_pairs,
     pairs_about,
     untied,
@@ -72,7 +70,7 @@ def find_laser_closures(
     """
     if len(loaded.nodes) < 2:
         return []
-    nodes, constraints = nodes_at(loaded, poses), store.constraints()
+    nodes, constraints = nodes_at(loaded, poses, None, tied), store.constraints()
     known = {(c.from_id, c.to_id) for c in constraints}
 
     def untried(pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -108,9 +106,10 @@ def compare_places(
     compared once more, with longer submaps: equal doors follow each other in equal distances for a
     while, seldom for a whole corridor.
     """
-    found = _compare_all(nodes, pairs, config, widest, 1)
+    priors = drift_priors(nodes, pairs)
+    found = _compare_all(nodes, priors, config, widest, 1)
     unclear = [k for k, c in enumerate(found) if c.verdicts[-1].why in OPEN]
-    again = _compare_all(nodes, [pairs[k] for k in unclear], config, widest, _LONGER)
+    again = _compare_all(nodes, [priors[k] for k in unclear], config, widest, _LONGER)
     for k, closure in zip(unclear, again, strict=True):
         if closure.accepted:
             found[k] = closure
@@ -118,12 +117,12 @@ def compare_places(
 
 
 def _compare_all(
-    nodes: LaserNodes, pairs: Pairs, config: Config, widest: float, size: int
+    nodes: LaserNodes, priors: Sequence[DriftPrior], config: Config, widest: float, size: int
 ) -> list[Judged]:
     """The same with submaps of one size, `size` times as long as ordinary ones."""
     by_target: dict[int, list[int]] = {}
-    for k, (a, _) in enumerate(pairs):
-        by_target.setdefault(a, []).append(k)
+    for k, prior in enumerate(priors):
+        by_target.setdefault(prior.earlier, []).append(k)
 
     @functools.lru_cache(maxsize=_KEPT)
     def around(b: int) -> Place:
@@ -136,23 +135,22 @@ def _compare_all(
     def compare(target: tuple[int, list[int]]) -> list[Judged]:
         a, rows = target
         place = place_around(nodes, a, config, size)  # large: one a thread is held
-        others = [pairs[k][1] for k in rows]
-        return [_compare(nodes, place, a, b, scored, around, config, widest) for b in others]
+        asked = [priors[k] for k in rows]
+        return [_compare(nodes, place, prior, scored, around, config, widest) for prior in asked]
 
     found = in_threads(compare, by_target.items(), config.threads)
     places = [k for rows in by_target.values() for k in rows]
     by_place = dict(zip(places, (c for some in found for c in some), strict=True))
-    closures = [by_place[k] for k in range(len(pairs))]
-    return reject_aliases(nodes, pairs, closures, around, config, size)
+    closures = [by_place[k] for k in range(len(priors))]
+    return reject_aliases(nodes, priors, closures, around, config, size)
 
 
 def _compare(
-    nodes: LaserNodes, place: Place, a: int, b: int, scored: Callable[[int], Array],
+    nodes: LaserNodes, place: Place, prior: DriftPrior, scored: Callable[[int], Array],
     around: Callable[[int], Place], config: Config, widest: float,
 ) -> Judged:  # fmt: skip
-    size = place.submap.size
-    guess = between_planar(nodes.poses[a], nodes.poses[b])
-    distance, angle = drift_window(nodes, a, b, widest)
+    size, (a, b, guess, _) = place.submap.size, prior
+    distance, angle = prior.window(widest)
     searched, centre = distance, guess
     if widest == EVERYWHERE:  # is the robot at this place?
         centre, distance = np.array([0.0, 0.0, guess[2]]), config.places.laser_submap
@@ -164,7 +162,7 @@ def _compare(
     if found is None:
         verdict = Verdict(Judge.LASER, False, Why.NOTHING_IN_COMMON)
         return _constraint(nodes, a, b, guess, np.eye(3), ScanMatch(), verdict)
-    pose, match, best, others = _likeliest(nodes, place, a, b, around, found, needed, config)
+    pose, match, best, others = _likeliest(nodes, place, prior, around, found, needed, config)
     second_best = min(others, key=lambda other: best.beyond(other, size), default=None)
     source = ScanMatch(
         best.agreement.evidence, second_best.agreement.evidence if second_best else 0.0,
@@ -185,8 +183,8 @@ def _compare(
 
 
 def _likeliest(
-    nodes: LaserNodes, place: Place, a: int, b: int, around: Callable[[int], Place], found: Found,
-    needed: float, config: Config,
+    nodes: LaserNodes, place: Place, prior: DriftPrior, around: Callable[[int], Place],
+    found: Found, needed: float, config: Config,
 ) -> tuple[Array, Match, Hypothesis, list[Hypothesis]]:  # fmt: skip
     """Where b lies, seen from a: a pose (3,), the match from there, and others with the evidence
     that is `needed`, in points.
@@ -194,19 +192,18 @@ def _likeliest(
     The search knows of no drift: it has the poses with the most evidence. The path leads to another
     one, which takes less.
     """
-    size, guess = place.submap.size, between_planar(nodes.poses[a], nodes.poses[b])
+    size, (a, b, guess, covariance) = place.submap.size, prior
     aligned = functools.partial(match_submaps, nodes, a, b, config=config, size=size)
 
     def hypothesis(pose: Array) -> Hypothesis:
-        agreement = place.agreement_with(around(b), pose)
-        return Hypothesis(agreement, drift_prior(nodes, a, b, pose))
+        return Hypothesis(place.agreement_with(around(b), pose), prior.log(pose))
 
     pose, match = found.pose, aligned(found.pose)
     best, others = hypothesis(match.pose), list[Hypothesis]()
     if found.second_best > 0.0:
         others.append(hypothesis(found.second_best_pose))
     if not are_one(guess, pose, APART):
-        led = aligned(guess, prior=np.diag(1.0 / np.square(drift_sigmas(nodes, a, b)))).pose
+        led = aligned(guess, prior=np.asarray(np.linalg.inv(covariance))).pose
         if not are_one(led, match.pose, APART):
             there = hypothesis(led)
             others.append(there)

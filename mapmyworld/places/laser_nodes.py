@@ -41,6 +41,8 @@ class LaserNodes:
     seen before it or afterwards."""
     session: Index
     """(N,) number of the session, which ends where tracking is lost and odometry with it."""
+    stated: tuple[Judged, ...] = ()
+    """The accepted constraints that the poses are solved by."""
 
 
 class NodeScans(NamedTuple):
@@ -93,8 +95,14 @@ def laser_nodes(
     return LaserNodes(ids, scans, poses, path, drift, sees, sessions_of(variances))
 
 
-def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -> LaserNodes:
-    """The first `count` nodes at solved poses, at tracked ones without; all of them by default."""
+def nodes_at(
+    loaded: NodeScans, poses: Poses | None, count: int | None = None,
+    stated: Iterable[Judged] = (),
+) -> LaserNodes:  # fmt: skip
+    """The first `count` nodes at solved poses, at tracked ones without; all of them by default.
+
+    The poses are solved by the accepted ones of these `stated` constraints.
+    """
     nodes = loaded.nodes[:count]
     ids = np.array([node.id for node in nodes], np.int64)
     if poses is None:
@@ -106,7 +114,8 @@ def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -
     found = laser_nodes(
         ids, loaded.scans, matrix_to_planar(matrices), loaded.variances[some], loaded.faults[some]
     )
-    return replace(found, sees=loaded.sees[: len(ids)])
+    accepted = tuple(c for c in stated if c.accepted)
+    return replace(found, sees=loaded.sees[: len(ids)], stated=accepted)
 
 
 def sessions_of(variances: Array) -> Index:

@@ -38,10 +38,12 @@ def closures_by_section(
     edges = np.searchsorted(path, np.linspace(0.0, path[-1], count + 1)[1:-1])
     found: list[Judged] = []
     for first, end in pairwise([0, *edges.tolist(), len(path)]):
-        nodes, so_far = nodes_at(loaded, start, end), [*stored, *found]
+        so_far = [*stored, *found]
+        nodes = nodes_at(loaded, start, end, stored)
         if any(c.accepted for c in found) or any(c.is_relocalised for c in so_far):
             draft = solve(so_far, loaded.nodes[end - 1].id)
-            nodes = held_by(nodes_at(loaded, draft.poses, end), draft.constraints)
+            nodes = nodes_at(loaded, draft.poses, end, draft.constraints)
+            nodes = held_by(nodes, draft.constraints)
         pairs = candidate_pairs(nodes, config, optimised=False, first=first)
         progress.stage("loop closures by laser", len(pairs), "pairs")
         found += compare_places(nodes, pairs, config)

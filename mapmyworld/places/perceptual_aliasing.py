@@ -14,32 +14,34 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 from mapmyworld.parallel import in_threads
-from mapmyworld.places.laser_candidates import FIRST_WINDOW, drift_window
+from mapmyworld.places.drift_priors import DriftPrior
+from mapmyworld.places.laser_candidates import FIRST_WINDOW
 from mapmyworld.places.laser_nodes import LaserNodes, spaced
 from mapmyworld.places.laser_submaps import place_around
-from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
+from mapmyworld.registration.place_evidence import FORTH, Hypothesis, Place, needed_evidence
 from mapmyworld.registration.scan_search import evidence_elsewhere
 from mapmyworld.types import Judge, Judged, ScanMatch, Verdict, Why
 
-Pairs = Sequence[tuple[int, int]]
 Around = Callable[[int], Place]
 """What was seen around a node."""
 
 
 def reject_aliases(
-    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], around: Around, config: Config,
-    size: int,
+    nodes: LaserNodes, priors: Sequence[DriftPrior], closures: Sequence[Judged], around: Around,
+    config: Config, size: int,
 ) -> list[Judged]:  # fmt: skip
-    """The closures of these pairs, those rejected for which another place scores as well.
+    """The closures of pairs with these priors, those rejected for which another place is as likely.
 
     Places are `size` times as long as others.
     """
-    wanted = _places_to_look_at(nodes, pairs, closures, config, size)
+    wanted = _places_to_look_at(nodes, priors, closures, config, size)
 
     def look(at: tuple[int, list[int]]) -> list[tuple[int, float]]:
         spot, which = at
         place = place_around(nodes, spot, config, size)
-        return [(k, _second_best(nodes, place, spot, pairs[k], around, closures[k])) for k in which]
+        return [
+            (k, _second_best(nodes, place, spot, priors[k], around, closures[k])) for k in which
+        ]
 
     second_bests = [0.0] * len(closures)
     for scores in in_threads(look, wanted.items(), config.threads):
@@ -52,16 +54,18 @@ def reject_aliases(
 
 
 def _places_to_look_at(
-    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config, size: int
-) -> dict[int, list[int]]:
+    nodes: LaserNodes, priors: Sequence[DriftPrior], closures: Sequence[Judged], config: Config,
+    size: int,
+) -> dict[int, list[int]]:  # fmt: skip
     """Place along the path -> closures that it may second best."""
     places, path = config.places, nodes.path
     spots = spaced(path, size * places.laser_submap)
     itself = 2.0 * places.laser_submap
     found: dict[int, list[int]] = {}
-    for k, (a, b) in enumerate(pairs):
+    for k, prior in enumerate(priors):
         if closures[k].accepted:
-            reach, _ = drift_window(nodes, a, b, FIRST_WINDOW)
+            a, b = prior.earlier, prior.later
+            reach, _ = prior.window(FIRST_WINDOW)
             apart = np.abs(path[spots] - path[a])
             near = (
                 (apart > places.laser_spacing) & (apart <= reach) & (path[spots] < path[b] - itself)
@@ -72,17 +76,17 @@ def _places_to_look_at(
 
 
 def _second_best(
-    nodes: LaserNodes, place: Place, spot: int, pair: tuple[int, int], around: Around,
-    closure: Judged,
-) -> float:  # fmt: skip
+    nodes: LaserNodes, place: Place, spot: int, prior: DriftPrior, around: Around, closure: Judged
+) -> float:
     """Evidence, in points, that what was seen around the later node lies around `spot` instead.
 
     0 where it is too little to be as likely.
     """
-    a, b = pair
-    found = compose_planar(nodes.poses[a], matrix_to_planar(closure.i_from_j))
-    distance, angle = drift_window(nodes, a, b, FIRST_WINDOW)
-    here, there = between_planar(nodes.poses[spot], found), around(b)
+    a, b = prior.earlier, prior.later
+    measured = matrix_to_planar(closure.i_from_j)
+    spot_from_a = between_planar(nodes.poses[spot], nodes.poses[a])
+    distance, angle = prior.window(FIRST_WINDOW)
+    here, there = compose_planar(spot_from_a, measured), around(b)
     needed = needed_evidence(distance, angle)
     points = there.submap.scored
     other = evidence_elsewhere(
@@ -94,8 +98,10 @@ def _second_best(
     second_best = place.agreement_with(there, other)
     if second_best.evidence < needed:
         return 0.0
-    agreement = around(a).agreement_with(there, matrix_to_planar(closure.i_from_j))
-    return second_best.evidence if agreement.beyond(second_best) < place.submap.margin else 0.0
+    best = Hypothesis(around(a).agreement_with(there, measured), prior.log(measured))
+    led = prior.log(between_planar(spot_from_a, other))
+    beyond = best.beyond(Hypothesis(second_best, led), place.submap.size)
+    return second_best.evidence if beyond < place.submap.margin else 0.0
 
 
 def _doubted(closure: Judged, second_best: float) -> Judged:

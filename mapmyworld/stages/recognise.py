@@ -64,7 +64,7 @@ def recognise(
         losses = [c for c in stored if c.is_tracking_loss]
         while joined_sessions(loaded, found).any():
             draft = solve_draft_of(store, config, [*stored, *found])
-            nodes = held_by(nodes_at(loaded, draft.poses), found)
+            nodes = held_by(nodes_at(loaded, draft.poses, None, draft.constraints), found)
             joining = session_closures(nodes, losses, config, progress, apart)
             if not joining:
                 break

@@ -123,7 +123,7 @@ def test_where_motions_led_on_another_place_takes_the_odds_of_a_fault(
     view = Place.seen_by(moment.scan)
     there = whole.find(view)
     assert there is not None
-    odds = whole.report(view, there).log_odds
+    odds = whole.judge(view, there).log_odds
     monkeypatch.setattr(type(whole), "needed_odds", lambda *_: odds - 0.5 * FAULT_ODDS)
 
     def found(reckoned: Array | None) -> Discovery | None:
@@ -190,7 +190,9 @@ def test_a_room_that_was_seen_from_outside_alone_is_not_believed() -> None:
     outside = known_place_from_grid(grid_of(around[::3], walls), Config())
     within = tour([(1, 1), (4, 1), (2, 1), (2, 3)])
     seen = one_scan(within[10], walls, 0)
-    assert outside.whole.judge(seen, within[10]).log_odds > outside.whole.needed_odds(1)
+    found = outside.whole.judge(seen, within[10])
+    assert not found.forth.any()
+    assert found.log_odds == 0.0
     assert not claims(LaserLocaliser(outside, Config()).follow(frames_of(within, walls))).any()
 
 

@@ -169,11 +169,14 @@ def test_a_corner_seen_from_its_other_side_is_another_one() -> None:
         Submap(corner, np.array([[at, at]]), np.array([0, len(corner)])) for at in (2.0, -2.0)
     )
     whole = map_of_scans(inside)
-    same, other = (whole.report(Place.of(s), np.zeros(3)) for s in (inside, outside))
+    same, other = (whole.judge(Place.of(s), np.zeros(3)) for s in (inside, outside))
     assert same.known > 0.9
     assert same.log_odds > 20.0
     assert other.known < 0.1
     assert other.log_odds == 0.0
+    one, another = Place.of(inside), Place.of(outside)
+    assert one.agreement_with(one, np.zeros(3)).evidence > 100.0
+    assert one.agreement_with(another, np.zeros(3)).evidence < 20.0
 
 
 def test_a_relative_pose_is_as_likely_whichever_session_is_called_the_earlier() -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from hypothesis import given, strategies
+from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import transform_points_planar
 from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.kernels.branch_and_bound import RESOLUTION, SQUARE, UNSEEN
-from mapmyworld.kernels.cells import evidence_at, first_in_cells
+from mapmyworld.kernels.cells import first_in_cells, judged
 from mapmyworld.kernels.sweep_points import carried_on, returned_points
 
 seeds = strategies.integers(0, 2**32 - 1)
@@ -23,16 +25,36 @@ def test_of_every_cell_the_first_point_stays(seed: int, count: int) -> None:
 
 
 @given(seeds)
-def test_evidence_is_that_of_the_cell_a_point_lies_in(seed: int) -> None:
+def test_evidence_is_that_of_the_cell_a_point_lies_in_unless_seen_from_its_other_side(
+    seed: int,
+) -> None:
     random = np.random.default_rng(seed)
-    cells = random.integers(0, 256, (40, 30)).astype(np.uint8)
-    corner, pose = random.normal(size=2), random.normal(size=3)
+    own, other = (
+        random.choice([0, UNSEEN, 255], p=[0.03, 0.67, 0.3], size=(40, 30)).astype(np.uint8)
+        for _ in range(2)
+    )
+    corners, pose = random.normal(size=(2, 2)), random.normal(size=3)
     points = random.normal(size=(100, 2)) * 30.0 * RESOLUTION
-    at = np.floor((transform_points_planar(pose, points) - corner) / RESOLUTION) + SQUARE
+    steps = np.arange(-3, 4) * RESOLUTION
+    around = points[:, None] + np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    placed, turned = (transform_points_planar(pose, p) for p in (points, around.reshape(-1, 2)))
+    passed = (
+        (indicated(own, corners[0], around.reshape(-1, 2)) < 0).reshape(100, -1),
+        (indicated(other, corners[1], turned) < 0).reshape(100, -1),
+    )
+    two_sides = passed[0].any(axis=1) & passed[1].any(axis=1) & ~(passed[0] & passed[1]).any(axis=1)
+    there = np.sign(indicated(other, corners[1], placed))
+    expected = np.where((there > 0) & two_sides, 0, there)
+    found = judged(points, own, corners[0], other, corners[1], pose)
+    np.testing.assert_array_equal(found, expected)
+
+
+def indicated(cells: NDArray[np.uint8], corner: Array, points: Array) -> NDArray[np.int64]:
+    """(N,) the cells that points (N, 2) lie in, less what is unseen; 0 outside."""
+    at = np.floor((points - corner) / RESOLUTION) + SQUARE
     inside = ((at >= 0) & (at < [30, 40])).all(axis=1)
     column, row = np.where(inside[:, None], at, 0).astype(np.int64).T
-    expected = np.where(inside, cells[row, column].astype(np.int64) - UNSEEN, 0)
-    np.testing.assert_array_equal(evidence_at(cells, corner, points, pose), expected)
+    return np.where(inside, cells[row, column].astype(np.int64) - UNSEEN, 0)
 
 
 @given(seeds)

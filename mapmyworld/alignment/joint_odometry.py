@@ -27,7 +27,7 @@ def calibrated_odometry(
     (E,), and the information (E, 3, 3) by which covariances count them.
 
     It is calibrated, and its noise learnt, by what it misses these motions. Along walls they are
-    its own, and show neither. There it may err by more than its noise: no less than the motions
+    its own, and show too little. There it may err by more than its noise: no less than the motions
     that it was part of. As a weight that would be too little, for pairs err alike along walls.
     Tracked motions stay where there is no odometry, or it is at fault, or the robot stood; and if
     not `matched` (E,): they are odometry then, and tracking knows of stalls.

@@ -6,7 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.kernels.branch_and_bound import RESOLUTION, SQUARE, UNSEEN
-from mapmyworld.kernels.compiling import jit
+from mapmyworld.kernels.compiling import inner_jit, jit
+
+_BEFORE = 3
+"""Cells that reach from a surface past those beside it."""
 
 
 @jit
@@ -30,24 +33,50 @@ def first_in_cells(points: NDArray[np.float64], edge: float) -> NDArray[np.int64
 
 
 @jit
-def evidence_at(
-    cells: NDArray[np.uint8], corner: NDArray[np.float64], points: NDArray[np.float64],
-    pose: NDArray[np.float64],
+def judged(
+    points: NDArray[np.float64], own: NDArray[np.uint8], own_corner: NDArray[np.float64],
+    other: NDArray[np.uint8], corner: NDArray[np.float64], pose: NDArray[np.float64],
 ) -> NDArray[np.int64]:  # fmt: skip
-    """(N,) what a grid of evidence indicates of points (N, 2) at `pose` (3,): more than nothing
-    where it has a surface, less where beams passed, 0 where it was not seen.
+    """(N,) what the `other` grid of evidence (H, W) indicates of points (N, 2) at `pose` (3,): 1
+    where it has a surface, -1 where its beams passed, 0 where it was not seen, or from the other
+    side alone.
 
-    Its `cells` (H, W) are those of a `LikelihoodGrid`, the first one that is not padding at
-    `corner` (2,).
+    The first cell of a `LikelihoodGrid` that is not padding is at its corner, (2,). The points are
+    of their `own` grid (I, J), in its frame, whose corner `own_corner` (2,) is. A surface has two
+    sides where beams of both grids passed in the `_BEFORE` cells around it, but none through the
+    same ones.
     """
-    height, width = cells.shape
     cosine, sine = np.cos(pose[2]), np.sin(pose[2])
     found = np.zeros(len(points), np.int64)
     for n in range(len(points)):
         x = pose[0] + cosine * points[n, 0] - sine * points[n, 1]
         y = pose[1] + sine * points[n, 0] + cosine * points[n, 1]
-        column = int(np.floor((x - corner[0]) / RESOLUTION)) + SQUARE
-        row = int(np.floor((y - corner[1]) / RESOLUTION)) + SQUARE
-        if 0 <= column < width and 0 <= row < height:
-            found[n] = int(cells[row, column]) - UNSEEN
+        there = _evidence(other, corner, x, y)
+        found[n] = 1 if there > 0 else -1 if there < 0 else 0
+        if there <= 0:
+            continue
+        ours = theirs = shared = False
+        for k in range((2 * _BEFORE + 1) ** 2):
+            dx = RESOLUTION * (k // (2 * _BEFORE + 1) - _BEFORE)
+            dy = RESOLUTION * (k % (2 * _BEFORE + 1) - _BEFORE)
+            here = _evidence(own, own_corner, points[n, 0] + dx, points[n, 1] + dy) < 0
+            there = _evidence(
+                other, corner, x + cosine * dx - sine * dy, y + sine * dx + cosine * dy
+            )
+            ours, theirs = ours or here, theirs or there < 0
+            if here and there < 0:
+                shared = True
+                break
+        if ours and theirs and not shared:
+            found[n] = 0
     return found
+
+
+@inner_jit
+def _evidence(cells: NDArray[np.uint8], corner: NDArray[np.float64], x: float, y: float) -> int:
+    """More than 0 where a grid has a surface, less where beams passed, 0 where it was not seen."""
+    height, width = cells.shape
+    column = int(np.floor((x - corner[0]) / RESOLUTION)) + SQUARE
+    row = int(np.floor((y - corner[1]) / RESOLUTION)) + SQUARE
+    inside = 0 <= column < width and 0 <= row < height
+    return int(cells[row, column]) - UNSEEN if inside else 0

@@ -6,7 +6,7 @@ wheelbase). A laser that is not where the log says moves otherwise than the whee
 where the robot turns, and askew where it drives (Censi, Franchi, Marchionni and Oriolo,
 "Simultaneous calibration of odometry and sensor parameters for mobile robots", 2013). Scan matching
 shows them: what a match adds to the odometry since the last keyframe is an innovation, and each is
-one sample. The model is an array (52,) that kernels read and write, of these parts.
+one sample. The model is an array (55,) that kernels read and write, of these parts.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ TRAVELLED = slice(14, 16)
 """Since that keyframe: path [m], rotation [rad], both without sign."""
 CERTAINTY = slice(16, 52)
 """Covariance (6, 6) of the systematic errors."""
+LAST = slice(52, 55)
+"""The last innovation's position [m], and the mean product of two that follow each other, as
+noise of position: what a match errs by ends one and begins the next, and makes it negative."""
 
 FIRST_NOISE = 0.01  # m^2 per m and rad^2 per rad, of wheels nobody calibrated
 FIRST_SIGMAS = (0.03, 0.01, 0.02, 0.02, 0.015, 0.03)  # of the systematic errors of the same
@@ -46,8 +49,8 @@ MOVES = 0.01  # m and rad from which a robot moves, and not only its measurement
 
 
 def new_wheels() -> Array:
-    """A model (52,) of wheels about which nothing is known yet."""
-    wheels = np.zeros(CERTAINTY.stop)
+    """A model (55,) of wheels about which nothing is known yet."""
+    wheels = np.zeros(LAST.stop)
     wheels[NOISE], wheels[CERTAINTY] = FIRST_NOISE, np.diag(np.square(FIRST_SIGMAS)).ravel()
     return wheels
 
@@ -67,7 +70,7 @@ def error_jacobians(motions: Array, turned: Array) -> Array:
 
 @jit
 def reckon(wheels: Array, step: Array) -> None:
-    """One more recorded step (3,) in the model (52,), its systematic errors corrected."""
+    """One more recorded step (3,) in the model (55,), its systematic errors corrected."""
     errors, pose, travelled = wheels[SYSTEMATIC], wheels[POSE], wheels[TRAVELLED]
     yaw = step[2] + errors[4] * step[0] + errors[5] * step[2]
     rows = error_jacobians(step.reshape(1, 3), np.array([yaw]))[0]
@@ -84,14 +87,14 @@ def reckon(wheels: Array, step: Array) -> None:
 
 
 def lengthen(wheels: Array, step: Array, way: Array) -> None:
-    """A recorded step (3,) of the model (52,) was such a way (2,), m and rad, or its own length."""
+    """A recorded step (3,) of the model (55,) was such a way (2,), m and rad, or its own length."""
     taken = np.array([np.hypot(step[0], step[1]), abs(step[2])])
     wheels[TRAVELLED] += np.maximum(way - taken, 0.0)
 
 
 @jit
 def anchor(wheels: Array, pose: Array) -> None:
-    """Odometry of the model (52,) counts anew from a pose (3,)."""
+    """Odometry of the model (55,) counts anew from a pose (3,)."""
     here, keyframe, travelled = wheels[POSE], wheels[KEYFRAME], wheels[TRAVELLED]
     for i in range(3):
         here[i] = keyframe[i] = pose[i]
@@ -100,13 +103,14 @@ def anchor(wheels: Array, pose: Array) -> None:
 
 @jit
 def reckoned_variances(wheels: Array) -> Array:
-    """Variances (3,), m^2 and rad^2, of the odometry of a model (52,) since the last keyframe.
+    """Variances (3,), m^2 and rad^2, of the odometry of a model (55,) since the last keyframe.
 
     Noise adds up step by step, and its variance with the path; what is systematic errs by the same
     in every step, and its sigma grows with the path.
     """
     variances = random_variances(wheels[NOISE], wheels[TRAVELLED])
-    rows, known = _jacobian_here(wheels), wheels[CERTAINTY].reshape(ERRORS, ERRORS)
+    moved = between_poses(wheels[KEYFRAME], wheels[POSE])
+    rows, known = _jacobian_of(moved, moved[2]), wheels[CERTAINTY].reshape(ERRORS, ERRORS)
     for axis in range(3):
         for i in range(ERRORS):
             for j in range(ERRORS):
@@ -115,11 +119,10 @@ def reckoned_variances(wheels: Array) -> Array:
 
 
 @inner_jit
-def _jacobian_here(wheels: Array) -> Array:
-    """(3, 6) of the motion since the last keyframe, in the frame of its end, as innovations are."""
-    moved = between_poses(wheels[KEYFRAME], wheels[POSE])
+def _jacobian_of(moved: Array, turned: float) -> Array:
+    """(3, 6) of a motion (3,), in the frame of an end that was `turned` so far (rad)."""
     rows: Array = error_jacobians(moved.reshape(1, 3), moved[2:])[0]
-    c, s = np.cos(moved[2]), np.sin(moved[2])
+    c, s = np.cos(turned), np.sin(turned)
     for k in range(ERRORS):
         x, y = rows[0, k], rows[1, k]
         rows[0, k], rows[1, k] = c * x + s * y, c * y - s * x
@@ -140,38 +143,58 @@ def random_variances(noise: Array, travelled: Array) -> Array:
 
 @jit
 def learn(wheels: Array, found: Array, is_open: bool) -> None:
-    """Lets a model (52,) learn from one innovation (7,).
+    """Lets a model (55,) learn from one innovation (7,).
 
     All of it counts as the odometry's: what the match errs by makes its prior no more certain.
-    Where the match `is_open` along walls, positions show nothing systematic: what it has there is
-    the noise of its normals. Straight on it shows no error by rotation: what was recorded there is
-    noise, all of it an error, and so is what was matched.
+    Where the match `is_open` along walls, positions show nothing: they are the odometry's own, and
+    what the match has there is the noise of its normals. Straight on it shows no error by rotation:
+    what was recorded there is noise, all of it an error, and so is what was matched.
     """
     if wheels[TRAVELLED].max() < MOVES:
         return
     once = random_variances(np.ones(2), wheels[TRAVELLED])
     weight = min(1.0, OUTLIER / max(found[6], 1e-9))  # a fault: as the largest that is none
-    _learn_noise(wheels, 0, 0.5 * (found[0] * found[0] + found[1] * found[1]) / once[0] * weight)
-    _learn_noise(wheels, 1, found[2] * found[2] / once[2] * weight)
     if found[6] < OUTLIER:
         _learn_systematic(wheels, found, is_open)
+    last = wheels[LAST]
+    if not is_open:
+        squares = 0.5 * (found[0] * found[0] + found[1] * found[1])
+        products = found[0] * last[0] + found[1] * last[1]
+        _learn_mean(wheels, 0, squares / once[0] * weight)
+        _learn_mean(last, 2, products / once[0] * weight)
+    last[0], last[1] = found[0], found[1]
+    if is_open:
+        last[0] = last[1] = 0.0
+    _learn_mean(wheels, 1, found[2] * found[2] / once[2] * weight)
 
 
 @inner_jit
-def _learn_noise(wheels: Array, k: int, sample: float) -> None:
-    wheels[k] = MEMORY * wheels[k] + (1.0 - MEMORY) * min(sample, _LARGEST)
+def _learn_mean(means: Array, k: int, sample: float) -> None:
+    means[k] = MEMORY * means[k] + (1.0 - MEMORY) * max(-_LARGEST, min(sample, _LARGEST))
 
 
 @inner_jit
 def _learn_systematic(wheels: Array, found: Array, is_open: bool) -> None:
-    """A Kalman filter: the innovation's axes, one after the other."""
-    rows, known = _jacobian_here(wheels), wheels[CERTAINTY].reshape(ERRORS, ERRORS)
-    noise, travelled = wheels[NOISE], wheels[TRAVELLED]
-    random = random_variances(noise, travelled)
-    rotation = rows[2, 5] + found[2]
-    straight = random_variances(noise, np.array([travelled[0], 0.0]))
-    is_straight = rotation * rotation <= _SHOWS * (straight[2] + found[5])
-    rows[2, 5] = 0.0 if is_straight else rotation
+    """A Kalman filter: the innovation's axes, one after the other.
+
+    Linearised about the likeliest motion, with noise of as long a way, for its errors are in no
+    innovation (Fuller, "Measurement error models", 1987, 1.4): the recorded one's would make the
+    scale smaller, the matched one's larger.
+    """
+    noise, known = wheels[NOISE], wheels[CERTAINTY].reshape(ERRORS, ERRORS)
+    recorded, way = between_poses(wheels[KEYFRAME], wheels[POSE]), wheels[TRAVELLED].copy()
+    matched, c, s = recorded.copy(), np.cos(recorded[2]), np.sin(recorded[2])
+    share = max(0.0, min(1.0 + wheels[LAST][2] / noise[0], 1.0))  # of an innovation, the wheels'
+    matched[0] += share * (c * found[0] - s * found[1])
+    matched[1] += share * (s * found[0] + c * found[1])
+    matched[2] += found[2]
+    rows = _jacobian_of(matched, recorded[2])
+    way[0] += np.hypot(matched[0], matched[1]) - np.hypot(recorded[0], recorded[1])
+    way[1] += abs(matched[2]) - abs(recorded[2])
+    random = random_variances(noise, np.maximum(way, 0.0))
+    straight = random_variances(noise, np.array([wheels[TRAVELLED][0], 0.0]))
+    if matched[2] * matched[2] <= _SHOWS * (straight[2] + found[5]):
+        rows[2, 5] = 0.0
     change = np.zeros(ERRORS)
     for axis in range(2 if is_open else 0, 3):
         missed, variance, pull = found[axis], random[axis] + found[3 + axis], np.zeros(ERRORS)

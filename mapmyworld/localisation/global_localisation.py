@@ -110,7 +110,7 @@ class GlobalLocalisation:
         metres = min(APART[0] + SIGMAS * float(np.sqrt(x + y)), FIRST_WINDOW)
         window = metres, min(APART[1] + SIGMAS * float(np.sqrt(yaw)), np.pi)
         pose, _ = self._place.whole.best_about(place, self._reckoned, *window)
-        said = self._place.whole.report(place, pose)
+        said = self._place.whole.judge(place, pose)
         return pose if said.log_odds >= NATS * needed_evidence(*window) else None
 
     def _anywhere(self, place: Place) -> Array | None:
@@ -121,7 +121,7 @@ class GlobalLocalisation:
         whole = self._place.whole
         pose, needed = whole.find(place), whole.needed_odds(self._tries)
         needed += 0.0 if self._reckoned is None else FAULT_ODDS
-        if pose is None or whole.report(place, pose).log_odds < needed:
+        if pose is None or whole.judge(place, pose).log_odds < needed:
             return None
         return None if whole.is_elsewhere(place, pose) is not False else pose
 

@@ -54,28 +54,33 @@ class CalibratedMotions:
         """From node to node, by indices `ends` (E,), first calibrated by motions `found` (E, 3).
 
         These count where each `is_found` (E,), the robot moved, and they are not those recorded.
-        Where one `is_open` (E,) along walls its position is the odometry's, and shows nothing.
+        Where one `is_open` (E,) along walls its position is the odometry's, and shows no scale.
         """
         odometry = matrix_to_planar(np.stack([node.odom_from_base for node in nodes]))
         steps = between_planar(odometry[:-1], odometry[1:])
         path = np.append(0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))
         turned = np.append(0.0, np.cumsum(np.abs(wrap_angle(steps[:, 2]))))
         every, of_node = np.unique([node.session for node in nodes], return_inverse=True)
-        before, after = ends
+        self._tails, self._heads = before, after = ends
         self.session = of_node[before]
+        self.recorded = between_planar(odometry[before], odometry[after])
         metres, radians = path[after] - path[before], turned[after] - turned[before]
+        moves = metres + radians > MOVES
+        # As long as what was found: noise of the recorded way would weigh its own errors.
+        metres = np.maximum(metres + _length(found) - _length(self.recorded), 0.0)
+        radians = np.maximum(radians + np.abs(found[:, 2]) - np.abs(self.recorded[:, 2]), 0.0)
         position = metres + METRES_PER_RADIAN * radians
         heading = radians + RADIANS_PER_METRE * metres
-        self.recorded = between_planar(odometry[before], odometry[after])
         self._shows = np.ones((len(found), 3), np.bool_)
         if is_open is not None:
             self._shows[is_open, :2] = False
         self._lengths = np.maximum(np.stack([position, position, heading], axis=1), MOVES)
         told = np.abs(self.recorded - found).max(axis=1) > _EXACTLY
-        self._usable = np.asarray(is_found & told & (metres + radians > MOVES))
+        self._usable = np.asarray(is_found & told & moves)
         self.trusted = self._usable
         self.errors = np.zeros((len(every), ERRORS))
         self.noise = np.full((len(every), 3), FIRST_NOISE)
+        self._scatter = self.noise.copy()  # the same of all that motions miss, scans' part with it
         for k in np.unique(self.session).tolist():
             self._begin(k, found)
 
@@ -109,30 +114,47 @@ class CalibratedMotions:
     def _learn_noise(self, k: int, found: Array) -> None:
         """One step to the noise of session `k` that its motions, `found` (E, 3), show.
 
-        One more residual is as large as was believed: where there are few, little changes.
+        What a scan errs by ends one motion and begins the next one: with the products of successive
+        residuals it cancels (Roll, "A simple implicit measure of the effective bid-ask spread",
+        Journal of Finance 39, 1984). One more residual is as large as was believed: where there are
+        few, little changes.
         """
         use = self._trusted_of(k)
-        shows, squares = self._shows[use], self.missed(found)[use] ** 2 / self.variances()[use]
-        change = (1.0 + np.sum(squares * shows, axis=0)) / (1.0 + np.sum(shows, axis=0))
-        self.noise[k] = np.maximum(self.noise[k] * change, _LEAST)
+        missed = self.missed(found)[use] / np.sqrt(self._lengths[use])
+        follows = self._tails[use[1:]] == self._heads[use[:-1]]
+        products, count = np.sum((missed[1:] * missed[:-1])[follows], axis=0), 1.0 + len(use)
+        every = (self._scatter[k] + np.sum(missed**2, axis=0)) / count
+        least = every * np.sqrt(6.0 / count)  # the standard error of what is left
+        self._scatter[k] = np.maximum(every, _LEAST)
+        self.noise[k] = np.maximum(every + 2.0 * products / count, np.maximum(least, _LEAST))
 
     def calibrate(self, k: int, found: Array) -> None:
         """Systematic errors of session `k`, fitted to motions that were `found` (E, 3).
 
-        By the rotation that was found: noise of the recorded one would make it less.
+        Instruments are the likeliest motions, for what these err by is in no residual (Fuller,
+        "Measurement error models", 1987, 1.4): noise of the recorded ones would make the scale
+        smaller, that of the found ones larger.
         """
         use, self.errors[k] = self._trusted_of(k), 0.0
-        weight = self._shows[use] / self.variances()[use]
-        rows = error_jacobians(self.recorded[use], found[use, 2])
-        missed = self.missed(found)[use]
-        weighed = rows.swapaxes(1, 2) * weight[:, None]
+        weight, turned = self._shows[use] / self._scattered()[use], found[use, 2]
+        missed, recorded = self.missed(found)[use], self.recorded[use]
+        share = np.minimum(self.noise[k] / self._scatter[k], 1.0)  # of residuals, the odometry's
+        rows, true = (error_jacobians(m, turned) for m in (recorded, recorded + share * missed))
+        weighed = true.swapaxes(1, 2) * weight[:, None]
         normal = np.sum(weighed @ rows, axis=0) + np.diag(1.0 / np.square(FIRST_SIGMAS))
         self.errors[k] = np.linalg.solve(normal, np.sum(weighed @ missed[:, :, None], axis=0))[:, 0]
 
     def trust(self, found: Array) -> None:
         """Which motions, `found` (E, 3) to be these, are no faults of the odometry."""
-        squares = np.sum(self.missed(found) ** 2 / self.variances(), axis=1)
+        squares = np.sum(self.missed(found) ** 2 / self._scattered(), axis=1)
         self.trusted = np.asarray(self._usable & (squares < OUTLIER))
+
+    def _scattered(self) -> Array:
+        return np.asarray(self._scatter[self.session] * self._lengths)
 
     def _trusted_of(self, k: int) -> Index:
         return np.flatnonzero(self.trusted & (self.session == k))
+
+
+def _length(motions: Array) -> Array:
+    return np.hypot(motions[:, 0], motions[:, 1])

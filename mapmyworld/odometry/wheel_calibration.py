@@ -23,7 +23,7 @@ _PATH = 15.0
 
 
 def calibrated_wheels(groups: Iterable[list[Frame]], config: Config) -> Array:
-    """(52,) systematic errors and noise of the odometry in the frames, which come in groups.
+    """(55,) systematic errors and noise of the odometry in the frames, which come in groups.
 
     Frames are tracked until the scale errs less over `_PATH` than noise does there; in a log that
     never shows its scale, that is all of it. The noise is the median over the groups, as

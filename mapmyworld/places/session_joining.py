@@ -176,7 +176,7 @@ def _reports(
         window = other.window(k, about)
         guess = compose_planar(move, other.nodes.poses[k])
         pose, _ = known.whole.best_about(place, guess, *window)
-        reports[k] = pose, known.whole.report(place, pose)
+        reports[k] = pose, known.whole.judge(place, pose)
     return reports
 
 

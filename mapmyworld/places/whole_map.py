@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from mapmyworld.registration.scan_search import (
     search_about,
     search_elsewhere,
     search_everywhere,
-    seen_from_one_side,
 )
 from mapmyworld.registration.submaps import (
     MARGIN,
@@ -55,18 +54,12 @@ class WholeMap:
         back = invert_planar(pose)
         seen = transform_points_planar(back, self.points)
         low, high = place.grid.bounds
-        near = seen[((seen >= low) & (seen < high)).all(axis=1)]
+        near = scored_points(seen[((seen >= low) & (seen < high)).all(axis=1)])
         return Agreement(
-            judged_points(place.submap.scored, self.grid, pose),
-            judged_points(scored_points(near), place.grid, np.zeros(3)),
+            judged_points(place.submap.scored, place.grid, self.grid, pose),
+            judged_points(transform_points_planar(pose, near), self.grid, place.grid, back),
             place.submap.scored,
         )
-
-    def report(self, place: Place, pose: Array) -> Agreement:
-        """The same at `pose` (3,), of what both saw from one side: a wall has two, each its own."""
-        found = self.judge(place, pose)
-        same = seen_from_one_side(found.points, place.grid, self.grid, pose)
-        return replace(found, forth=np.where((found.forth > 0) & ~same, 0, found.forth))
 
     def find(self, place: Place) -> Array | None:
         """The pose (3,) at which the map explains a place best; None where that may be chance."""

@@ -44,14 +44,16 @@ class Place:
         """What each reports about the other's points, at `here_from_there` (3,)."""
         back = invert_planar(here_from_there)
         return Agreement(
-            judged_points(other.submap.scored, self.grid, here_from_there),
-            judged_points(self.submap.scored, other.grid, back),
+            judged_points(other.submap.scored, other.grid, self.grid, here_from_there),
+            judged_points(self.submap.scored, self.grid, other.grid, back),
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agreement:
-    """Points of a later place in an earlier one, and the other way: 1, -1 or 0 where unseen."""
+    """Points of a later place in an earlier one, and the other way: 1, -1, or 0 where unseen or
+    seen from the other side alone.
+    """
 
     forth: Index
     """(P,) of the later place's points."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar
 from mapmyworld.kernels.branch_and_bound import RESOLUTION, SIDE, SQUARE, best_shift
-from mapmyworld.kernels.cells import evidence_at
+from mapmyworld.kernels.cells import judged
 from mapmyworld.registration.likelihood_grid import PART, LikelihoodGrid
 from mapmyworld.registration.submaps import MARGIN
 
@@ -20,8 +20,6 @@ Window = tuple[
 ]
 """What `best_shift` is given of grid, points and window."""
 _WALL = 5.0 * RESOLUTION  # m around a point that show which way its wall goes
-_BEFORE = np.stack(np.meshgrid(*2 * [np.arange(-3.0, 4.0)]), axis=-1).reshape(-1, 2)
-"""Cells around a surface that reach past those beside it, (K, 2)."""
 APART = 0.6, 0.3
 """Metres and radians between poses that are hypotheses of their own."""
 ANOTHER = 1.0, 0.3
@@ -43,23 +41,15 @@ class Found:
     """(3,) of that pose."""
 
 
-def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[np.int64]:
-    """Evidence (P,) of a grid for points (P, 2) at `pose` (3,): 1 hit, -1 free, 0 unseen."""
-    return np.sign(evidence_at(grid.cells, grid.corner, points, pose))
-
-
-def seen_from_one_side(
+def judged_points(
     points: Array, own: LikelihoodGrid, other: LikelihoodGrid, pose: Array
-) -> NDArray[np.bool_]:
-    """(N,) whether beams of both grids passed before points (N, 2), which are of their `own` one.
+) -> NDArray[np.int64]:
+    """Evidence (P,) of a grid for points (P, 2): 1 hit, -1 free, 0 unseen.
 
-    The other grid's frame has them at `pose` (3,). What one saw from inside and the other one from
-    outside are two surfaces.
+    They are of their `own` grid, in its frame, which the `other` one has at `pose` (3,). What one
+    saw from inside and the other one from outside are two surfaces of a wall, and so no hit.
     """
-    around = np.reshape(points[:, None] + RESOLUTION * _BEFORE, (-1, 2))
-    seen = evidence_at(own.cells, own.corner, around, np.zeros(3)) < 0
-    seen &= evidence_at(other.cells, other.corner, around, pose) < 0
-    return np.asarray(seen.reshape(len(points), -1).any(axis=1))
+    return judged(points, own.cells, own.corner, other.cells, other.corner, pose)
 
 
 def lie_on_a_line(points: Array) -> bool:

@@ -18,12 +18,9 @@ WALLS = np.array(
 )  # fmt: skip
 
 
-def cast(
-    pose: NDArray[np.float64], walls: NDArray[np.float64], seed: int, noise: float = 0.01,
-    degrees: float = 0.5,
-) -> Scan:  # fmt: skip
-    """A half turn of beams so far apart, by intersecting every wall; noise in m."""
-    angles = np.radians(np.arange(-90.0, 90.01, degrees))
+def cast(pose: NDArray[np.float64], walls: NDArray[np.float64], seed: int) -> Scan:
+    """A half turn of half-degree beams with 1 cm of noise, by intersecting every wall."""
+    angles = np.radians(np.arange(-90.0, 90.01, 0.5))
     direction = np.stack([np.cos(angles + pose[2]), np.sin(angles + pose[2])], axis=-1)
     along = walls[:, 2:] - walls[:, :2]
     offset = walls[:, :2] - pose[:2]
@@ -34,9 +31,9 @@ def cast(
         place = place / cross
     hit = (ranges > 0) & (place >= 0) & (place <= 1)
     nearest = np.where(hit, ranges, np.inf).min(axis=1)
-    nearest = nearest + np.random.default_rng(seed).normal(size=len(nearest)) * noise
+    nearest = nearest + np.random.default_rng(seed).normal(size=len(nearest)) * 0.01
     seen = nearest < 8.0
     points = nearest[seen, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)[seen]
     return Scan(
-        points.astype(np.float32), np.zeros(3), np.zeros(0, np.float32), 8.0, np.radians(degrees)
+        points.astype(np.float32), np.zeros(3), np.zeros(0, np.float32), 8.0, np.radians(0.5)
     )

@@ -65,6 +65,16 @@ class Prior:
         """Log density of a pose (3,) over that of the predicted one."""
         return float(np.logaddexp.reduce([log for log, _ in self._components(pose, config)]))
 
+    def is_fault(self, pose: Array, config: OdometryConfig) -> bool:
+        """Whether a fault, or a robot that moves otherwise, leads to a pose (3,) more likely."""
+        return self._likeliest(pose, config)[0] > 0
+
+    def _likeliest(self, pose: Array, config: OdometryConfig) -> tuple[int, Array]:
+        """Number and variances (3,) of the component that is the densest at a pose (3,)."""
+        components = self._components(pose, config)
+        likeliest = int(np.argmax([log for log, _ in components]))
+        return likeliest, components[likeliest][1]
+
     def _components(self, pose: Array, config: OdometryConfig) -> list[tuple[float, Array]]:
         """Log density at a pose (3,) and variances (3,) of each: as predicted, then otherwise."""
         apart = between_planar(self.pose, pose)
@@ -90,9 +100,7 @@ class Prior:
 
         And the variances (3,) of that one, and whether it is a fault.
         """
-        components = self._components(match.pose, config)
-        likeliest = int(np.argmax([log for log, _ in components]))
-        variances = components[likeliest][1]
+        likeliest, variances = self._likeliest(match.pose, config)
         prior = np.diag(1.0 / variances)
         known = match.information + prior + FAINT * np.eye(3)
         step = np.linalg.solve(known, prior @ between_planar(match.pose, self.pose))
@@ -130,8 +138,10 @@ def likeliest_match(
         and bool((reach <= (distance, angle)).all())  # else it may be where nothing is known
         and keyframes.share_seen_through(scan, prior.pose) >= SEEN
     )
-    held = _held(scan, keyframes, prior, first, settings)
-    for match in [*keyframes.matches(scan, starts, _WEAK_PRIOR, COARSE, settings), held]:
+    matches = keyframes.matches(scan, starts, _WEAK_PRIOR, COARSE, settings)
+    if prior.is_fault(first.pose, config):
+        matches.append(_held(scan, keyframes, prior, first, settings))
+    for match in matches:
         other = place.agreement_with(view, match.pose)
         if other.evidence < needed or not _has_points(match, scan):
             continue

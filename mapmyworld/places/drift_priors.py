@@ -16,7 +16,7 @@ from mapmyworld.graph.constraint_system import stated_system
 from mapmyworld.graph.covariance import relative_covariances
 from mapmyworld.places.laser_candidates import SLACK
 from mapmyworld.places.laser_nodes import LaserNodes
-from mapmyworld.places.path_drift import SIGMAS
+from mapmyworld.places.path_drift import SIGMAS, in_doubt
 
 
 class DriftPrior(NamedTuple):
@@ -44,7 +44,8 @@ class DriftPrior(NamedTuple):
 def drift_priors(nodes: LaserNodes, pairs: Sequence[tuple[int, int]]) -> list[DriftPrior]:
     """Of every pair of nodes, as the constraints that their poses are solved by know it.
 
-    Where these do not connect them, the drift along the path. Solved poses may be off by a third of
+    Odometry in doubt counts as the nodes' `drift` has it. Where nothing connects them, the drift
+    along the path. Solved poses may be off by a third of
     the slack in any case, in sigmas.
     """
     if not pairs:
@@ -67,6 +68,8 @@ def _graph_covariances(
     """Which pairs (P,) of nodes the graph connects, and covariances (K, 3, 3) of these."""
     ids, count = set(nodes.ids.tolist()), len(nodes.ids)
     between = [c for c in nodes.stated if c.from_id in ids and c.to_id in ids]
+    if nodes.drift.is_without_faults:
+        between = [in_doubt(c, False) if c.is_doubted else c for c in between]
     stated = stated_system(nodes.ids, planar_to_matrix(nodes.poses), between, True)
     system, linked = stated.system, stated.system.tails < count
     part = components(count, system.tails[linked], system.heads[linked])

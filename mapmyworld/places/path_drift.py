@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -11,10 +12,11 @@ from scipy.sparse.csgraph import dijkstra
 
 from mapmyworld.backend.connected_components import components
 from mapmyworld.geometry import Array, Index
-from mapmyworld.geometry.planar import information_to_planar
+from mapmyworld.geometry.planar import information_from_planar, information_to_planar
 from mapmyworld.odometry.pose_hypotheses import FAULT_SIZE
 from mapmyworld.odometry.unobserved_motion import FARTHEST
-from mapmyworld.types import ConstraintKind, Judged
+from mapmyworld.types import ConstraintKind, Judged, LaserTracking
+from mapmyworld.types.sources import Source
 
 NO_PAIRS = np.zeros((0, 2), np.int64)
 SIGMAS = 3.0  # of what is stated: as far as drift is searched
@@ -55,6 +57,11 @@ class PathDrift:
         # Of those that are asked for from many nodes one after the other.
         self._moved_up_to = functools.lru_cache(self._all_moved_up_to)
         self._moved_from, self._turned_from = dict[int, Array](), dict[int, Array]()
+
+    @property
+    def is_without_faults(self) -> bool:
+        """Whether odometry in doubt counts as it was measured."""
+        return self._faults is not None
 
     def held_by(self, closed: Index) -> PathDrift:
         """The same path, with closures (C, 2) that join nodes."""
@@ -180,3 +187,20 @@ def fault_variances(ids: Index, constraints: Sequence[Judged]) -> Array:
     x, y, yaw = np.square(FAULT_SIZE)
     variances[np.searchsorted(ids, doubted)] = x + y, yaw
     return variances[:-1]
+
+
+def in_doubt(c: Judged, doubted: bool) -> Judged:
+    """The same motion, which may be a fault; or no more, where it was in doubt."""
+    assert isinstance(c.source, LaserTracking)
+    measured, fault = np.linalg.inv(information_to_planar(c.information)), np.square(FAULT_SIZE)
+    covariance = measured + np.diag(fault if doubted else -fault)
+    return measured_anew(c, c.i_from_j, covariance, replace(c.source, doubted=doubted))
+
+
+def measured_anew(c: Judged, motion: Array, covariance: Array, source: Source) -> Judged:
+    """A constraint of the same kind between the same nodes, by another measurement.
+
+    Of the `motion` (4, 4), with a planar `covariance` (3, 3).
+    """
+    information = information_from_planar(np.linalg.inv(covariance))
+    return Judged(c.from_id, c.to_id, c.kind, motion, information, source)

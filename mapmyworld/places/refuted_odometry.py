@@ -18,7 +18,6 @@ from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
-    information_from_planar,
     information_to_planar,
     invert_planar,
     planar_adjoint,
@@ -30,6 +29,7 @@ from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_closures import closure_information
 from mapmyworld.places.laser_nodes import LaserNodes
 from mapmyworld.places.laser_submaps import match_members, submap_of
+from mapmyworld.places.path_drift import in_doubt, measured_anew
 from mapmyworld.places.whole_map import SETTLED, WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import (
     FORTH,
@@ -46,7 +46,6 @@ from mapmyworld.types import (
     Judge,
     Judged,
     LaserTracking,
-    Source,
     Verdict,
     Why,
 )
@@ -90,7 +89,7 @@ def refuted_odometry(
         if match is None:
             start = section.last
             lost = LaserTracking("lost", 0.0, lost=True)
-            anew.append(_measured_anew(first, first.i_from_j, np.diag(UNKNOWN), lost))
+            anew.append(measured_anew(first, first.i_from_j, np.diag(UNKNOWN), lost))
             continue
         begins = int(nodes.ids.searchsorted(first.to_id))
         onward = between_planar(poses[begins], poses[section.last])
@@ -230,17 +229,4 @@ def _relocalised(c: Judged, match: Match, onward: Array) -> Judged:
     covariance = carry @ np.linalg.inv(closure_information(match)) @ carry.T
     motion = planar_to_matrix(compose_planar(match.pose, invert_planar(onward)))
     source = LaserTracking(RELOCALISED, float(match.overlap))
-    return _measured_anew(c, motion, covariance, source)
-
-
-def in_doubt(c: Judged, doubted: bool) -> Judged:
-    """The same motion, which may be a fault; or no more, where it was in doubt."""
-    assert isinstance(c.source, LaserTracking)
-    measured, fault = np.linalg.inv(information_to_planar(c.information)), np.square(FAULT_SIZE)
-    covariance = measured + np.diag(fault if doubted else -fault)
-    return _measured_anew(c, c.i_from_j, covariance, replace(c.source, doubted=doubted))
-
-
-def _measured_anew(c: Judged, motion: Array, covariance: Array, source: Source) -> Judged:
-    information = information_from_planar(np.linalg.inv(covariance))
-    return Judged(c.from_id, c.to_id, c.kind, motion, information, source)
+    return measured_anew(c, motion, covariance, source)

@@ -139,8 +139,10 @@ def likeliest_match(
         and keyframes.share_seen_through(scan, prior.pose) >= SEEN
     )
     matches = keyframes.matches(scan, starts, _WEAK_PRIOR, COARSE, settings)
-    if prior.is_fault(first.pose, config):
-        matches.append(_held(scan, keyframes, prior, first, settings))
+    if prior.is_fault(first.pose, config):  # else it shows the corridor as well
+        held = _held(scan, keyframes, prior, first, settings)
+        if not prior.is_fault(held.pose, config):
+            matches.append(held)
     for match in matches:
         other = place.agreement_with(view, match.pose)
         if other.evidence < needed or not _has_points(match, scan):

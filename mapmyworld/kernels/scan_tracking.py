@@ -212,7 +212,7 @@ def track_scans(
     (K, P, 6), `key_counts` (K,), `key_origins` (K, 2), `key_poses` (K, 3) and `keys` (2,), is that
     of `remember_scan`; a scan is aligned with keyframes `back` (M,) places, by `max_distances` (R,)
     as of `align`. `state` (8,) is the pose, the last step, mean and variance of overlaps, `wheels`
-    (55,) the model of the odometry, `steps` (6,) that of a robot without; `settings` (7,) are
+    (56,) the model of the odometry, `steps` (6,) that of a robot without; `settings` (7,) are
     residual share, sigma of a range, correlation, limits of NIS and overlap, keyframe distance and
     angle. Fills `out` (B, 7): pose, overlap, NIS, metres moved, weak (1 or 0); and `covariances`
     (B, 3, 3) of the steps.

@@ -6,7 +6,7 @@ wheelbase). A laser that is not where the log says moves otherwise than the whee
 where the robot turns, and askew where it drives (Censi, Franchi, Marchionni and Oriolo,
 "Simultaneous calibration of odometry and sensor parameters for mobile robots", 2013). Scan matching
 shows them: what a match adds to the odometry since the last keyframe is an innovation, and each is
-one sample. The model is an array (55,) that kernels read and write, of these parts.
+one sample. The model is an array (56,) that kernels read and write, of these parts.
 """
 
 from __future__ import annotations
@@ -32,9 +32,10 @@ TRAVELLED = slice(14, 16)
 """Since that keyframe: path [m], rotation [rad], both without sign."""
 CERTAINTY = slice(16, 52)
 """Covariance (6, 6) of the systematic errors."""
-LAST = slice(52, 55)
-"""The last innovation's position [m], and the mean product of two that follow each other, as
-noise of position: what a match errs by ends one and begins the next, and makes it negative."""
+LAST = slice(52, 56)
+"""The last innovation's position [m], the mean product of two that follow each other, as noise of
+position (what a match errs by ends one and begins the next, and makes it negative), and the weight
+that the first noise of position still has."""
 
 FIRST_NOISE = 0.01  # m^2 per m and rad^2 per rad, of wheels nobody calibrated
 FIRST_SIGMAS = (0.03, 0.01, 0.02, 0.02, 0.015, 0.03)  # of the systematic errors of the same
@@ -49,9 +50,10 @@ MOVES = 0.01  # m and rad from which a robot moves, and not only its measurement
 
 
 def new_wheels() -> Array:
-    """A model (55,) of wheels about which nothing is known yet."""
+    """A model (56,) of wheels about which nothing is known yet."""
     wheels = np.zeros(LAST.stop)
     wheels[NOISE], wheels[CERTAINTY] = FIRST_NOISE, np.diag(np.square(FIRST_SIGMAS)).ravel()
+    wheels[LAST][3] = 1.0
     return wheels
 
 
@@ -70,7 +72,7 @@ def error_jacobians(motions: Array, turned: Array) -> Array:
 
 @jit
 def reckon(wheels: Array, step: Array) -> None:
-    """One more recorded step (3,) in the model (55,), its systematic errors corrected."""
+    """One more recorded step (3,) in the model (56,), its systematic errors corrected."""
     errors, pose, travelled = wheels[SYSTEMATIC], wheels[POSE], wheels[TRAVELLED]
     yaw = step[2] + errors[4] * step[0] + errors[5] * step[2]
     rows = error_jacobians(step.reshape(1, 3), np.array([yaw]))[0]
@@ -87,14 +89,14 @@ def reckon(wheels: Array, step: Array) -> None:
 
 
 def lengthen(wheels: Array, step: Array, way: Array) -> None:
-    """A recorded step (3,) of the model (55,) was such a way (2,), m and rad, or its own length."""
+    """A recorded step (3,) of the model (56,) was such a way (2,), m and rad, or its own length."""
     taken = np.array([np.hypot(step[0], step[1]), abs(step[2])])
     wheels[TRAVELLED] += np.maximum(way - taken, 0.0)
 
 
 @jit
 def anchor(wheels: Array, pose: Array) -> None:
-    """Odometry of the model (55,) counts anew from a pose (3,)."""
+    """Odometry of the model (56,) counts anew from a pose (3,)."""
     here, keyframe, travelled = wheels[POSE], wheels[KEYFRAME], wheels[TRAVELLED]
     for i in range(3):
         here[i] = keyframe[i] = pose[i]
@@ -103,7 +105,7 @@ def anchor(wheels: Array, pose: Array) -> None:
 
 @jit
 def reckoned_variances(wheels: Array) -> Array:
-    """Variances (3,), m^2 and rad^2, of the odometry of a model (55,) since the last keyframe.
+    """Variances (3,), m^2 and rad^2, of the odometry of a model (56,) since the last keyframe.
 
     Noise adds up step by step, and its variance with the path; what is systematic errs by the same
     in every step, and its sigma grows with the path.
@@ -143,7 +145,7 @@ def random_variances(noise: Array, travelled: Array) -> Array:
 
 @jit
 def learn(wheels: Array, found: Array, is_open: bool) -> None:
-    """Lets a model (55,) learn from one innovation (7,).
+    """Lets a model (56,) learn from one innovation (7,).
 
     All of it counts as the odometry's: what the match errs by makes its prior no more certain.
     Where the match `is_open` along walls, positions show nothing: they are the odometry's own, and
@@ -162,6 +164,7 @@ def learn(wheels: Array, found: Array, is_open: bool) -> None:
         products = found[0] * last[0] + found[1] * last[1]
         _learn_mean(wheels, 0, squares / once[0] * weight)
         _learn_mean(last, 2, products / once[0] * weight)
+        last[3] *= MEMORY
     last[0], last[1] = found[0], found[1]
     if is_open:
         last[0] = last[1] = 0.0

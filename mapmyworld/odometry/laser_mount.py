@@ -12,7 +12,7 @@ _SURE = 5.0  # sigmas
 
 
 def notes(wheels: Array) -> tuple[str, ...]:
-    """One line where a model (55,) of the odometry is sure that the laser sits elsewhere."""
+    """One line where a model (56,) of the odometry is sure that the laser sits elsewhere."""
     off, sigmas = wheels[MOUNT], np.sqrt(np.diag(wheels[CERTAINTY].reshape(ERRORS, ERRORS)))[1:4]
     if (np.abs(off) <= np.maximum(_WORTH_A_WORD, _SURE * sigmas)).all():
         return ()

@@ -64,7 +64,7 @@ class LaserTracker:
     """Follows the robot from scan to scan in bounded memory."""
 
     def __init__(self, config: Config, wheels: Array | None = None) -> None:
-        """`wheels` (55,): how the odometry is calibrated, if that is known."""
+        """`wheels` (56,): how the odometry is calibrated, if that is known."""
         self._odometry, self._matching = config.odometry, config.registration
         self._record = TrackingRecord()
         self._close_looks = np.ones(2)  # at scans of which no hypothesis fitted, and at others
@@ -126,7 +126,7 @@ class LaserTracker:
 
     @property
     def wheels(self) -> Array:
-        """(55,) how the log has calibrated its odometry so far: see `kernels.wheel_model`."""
+        """(56,) how the log has calibrated its odometry so far: see `kernels.wheel_model`."""
         return self._wheels.copy()
 
     def notes(self) -> tuple[str, ...]:
@@ -234,7 +234,7 @@ class LaserTracker:
         return self._time.is_placed and self._time.goes_on(frame.stamp_ns)
 
     def _by_wheels(self, wheels: Array) -> Prior:
-        """Where the odometry of a model (55,) leads to since the last keyframe.
+        """Where the odometry of a model (56,) leads to since the last keyframe.
 
         The probability of a scan that fits nothing is their share of all that were looked at
         closely.

@@ -35,7 +35,7 @@ class TrackingRecord:
         return (1.0 + self.faults.total()) / (1.0 / FAULT + self.compared)
 
     def notes(self, wheels: Array) -> tuple[str, ...]:
-        """How far the odometry, a model (55,), can be trusted, and where tracking failed."""
+        """How far the odometry, a model (56,), can be trusted, and where tracking failed."""
         found = [
             f"odometry {kind} at {count} of {self.compared} scans"
             for kind, count in self.faults.most_common()

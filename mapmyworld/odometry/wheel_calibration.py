@@ -14,7 +14,8 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.decisions import decided
 from mapmyworld.geometry import Array
-from mapmyworld.kernels.wheel_model import CERTAINTY, NOISE, SYSTEMATIC
+from mapmyworld.kernels.laser_motion import STEP_VARIANCE
+from mapmyworld.kernels.wheel_model import CERTAINTY, FIRST_NOISE, LAST, NOISE, SYSTEMATIC
 from mapmyworld.odometry.laser_odometry import LaserTracker
 from mapmyworld.types import Frame
 
@@ -23,20 +24,23 @@ _PATH = 15.0
 
 
 def calibrated_wheels(groups: Iterable[list[Frame]], config: Config) -> Array:
-    """(55,) systematic errors and noise of the odometry in the frames, which come in groups.
+    """(56,) systematic errors and noise of the odometry in the frames, which come in groups.
 
     Frames are tracked until the scale errs less over `_PATH` than noise does there; in a log that
-    never shows its scale, that is all of it. The noise is the median over the groups, as
-    that of the last motions says little of the first.
+    never shows its scale, that is all of it. The noise is the median over the groups since matches
+    have shown it, as that of the last motions says little of the first.
     """
     tracker, noise, count = LaserTracker(config), list[Array](), 0
     for frames in groups:
         tracker.track_all(frames)
         count += len(frames)
-        noise.append(tracker.wheels[NOISE])
-        of_scale, of_position = tracker.wheels[CERTAINTY][0], np.median(noise, axis=0)[0]
-        if _PATH * of_scale <= of_position:
-            break
+        wheels = tracker.wheels
+        unknown = wheels[LAST][3]
+        if unknown < 0.5:
+            position = (wheels[NOISE][0] - unknown * FIRST_NOISE) / (1.0 - unknown)
+            noise.append(np.array([max(position, STEP_VARIANCE), wheels[NOISE][1]]))
+            if _PATH * wheels[CERTAINTY][0] <= np.median(noise, axis=0)[0]:
+                break
     wheels = tracker.wheels
     if noise:
         wheels[NOISE] = np.median(noise, axis=0)

@@ -98,7 +98,7 @@ def run_fastslam(
 ) -> FastSlamResult:
     """Path of the most likely particle, from the scans of a log.
 
-    `wheels` (55,): how the odometry is calibrated, if that is known. Raises LogError when no frame
+    `wheels` (56,): how the odometry is calibrated, if that is known. Raises LogError when no frame
     has a scan.
     """
     tracker = LaserTracker(config, wheels)

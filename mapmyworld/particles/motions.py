@@ -59,7 +59,7 @@ def motions_between(
     """The motions (K - 1) between K updates, which are numbers of scans.
 
     Of all F scans the `tracked` poses (F, 3), the `covariances` (F, 3, 3) of the motions from the
-    scans before, and these as `recorded` (F, 3) by the odometry, NaN where unknown. `wheels` (55,)
+    scans before, and these as `recorded` (F, 3) by the odometry, NaN where unknown. `wheels` (56,)
     are its calibration: see `kernels.wheel_model`.
     """
     moved, by_tracking = tracked_between(updates, tracked, covariances)
@@ -98,7 +98,7 @@ def tracked_between(
 
 
 def _reckoned(steps: Array, wheels: Array) -> Array:
-    """(5,) motion by steps (S, 3) of calibrated wheels (55,), path m, rotation rad; NaN."""
+    """(5,) motion by steps (S, 3) of calibrated wheels (56,), path m, rotation rad; NaN."""
     anchor(wheels, np.zeros(3))
     for step in steps:
         reckon(wheels, step)

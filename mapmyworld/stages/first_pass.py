@@ -25,7 +25,7 @@ from mapmyworld.types import Frame, LogSource, Progress
 
 
 def wheels_of_log(log: LogSource, plan: Plan, config: Config, progress: Progress) -> Array | None:
-    """(55,) how the log's odometry is calibrated; None where no laser shows that."""
+    """(56,) how the log's odometry is calibrated; None where no laser shows that."""
     if plan.scan is None or plan.odometry is None:
         return None
     from mapmyworld.odometry.wheel_calibration import calibrated_wheels

@@ -45,7 +45,7 @@ class Tracker:
 def make_tracker(plan: Plan, config: Config, wheels: Array | None = None) -> Tracker:
     """Laser where there is one, else wheels, else the camera.
 
-    `wheels` (55,): how the odometry is calibrated, if that is known.
+    `wheels` (56,): how the odometry is calibrated, if that is known.
     """
     if plan.scan is not None:
         from mapmyworld.odometry.laser_odometry import LaserTracker

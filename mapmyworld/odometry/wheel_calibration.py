@@ -14,7 +14,6 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.decisions import decided
 from mapmyworld.geometry import Array
-from mapmyworld.kernels.laser_motion import STEP_VARIANCE
 from mapmyworld.kernels.wheel_model import CERTAINTY, FIRST_NOISE, LAST, NOISE, SYSTEMATIC
 from mapmyworld.odometry.laser_odometry import LaserTracker
 from mapmyworld.types import Frame
@@ -26,20 +25,19 @@ _PATH = 15.0
 def calibrated_wheels(groups: Iterable[list[Frame]], config: Config) -> Array:
     """(56,) systematic errors and noise of the odometry in the frames, which come in groups.
 
-    Frames are tracked until the scale errs less over `_PATH` than noise does there; in a log that
-    never shows its scale, that is all of it. The noise is the median over the groups since matches
-    have shown it, as that of the last motions says little of the first.
+    Frames are tracked until the scale errs less over `_PATH` than the noise that matches have shown
+    does there; in a log that never shows its scale, that is all of it. The noise is the median over
+    the groups, as that of the last motions says little of the first.
     """
-    tracker, noise, count = LaserTracker(config), list[Array](), 0
+    tracker, noise, shown, count = LaserTracker(config), list[Array](), list[float](), 0
     for frames in groups:
         tracker.track_all(frames)
         count += len(frames)
         wheels = tracker.wheels
-        unknown = wheels[LAST][3]
-        if unknown < 0.5:
-            position = (wheels[NOISE][0] - unknown * FIRST_NOISE) / (1.0 - unknown)
-            noise.append(np.array([max(position, STEP_VARIANCE), wheels[NOISE][1]]))
-            if _PATH * wheels[CERTAINTY][0] <= np.median(noise, axis=0)[0]:
+        noise.append(wheels[NOISE])
+        if (unknown := wheels[LAST][3]) < 0.5:
+            shown.append((wheels[NOISE][0] - unknown * FIRST_NOISE) / (1.0 - unknown))
+            if _PATH * wheels[CERTAINTY][0] <= np.median(shown):
                 break
     wheels = tracker.wheels
     if noise:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import resource
 import signal
+import sys
 from pathlib import Path
 from types import FrameType
 
@@ -22,6 +23,7 @@ _CLEARS_UP_WITHIN_S = 20.0
 _MOST_CALLS = 3  # so many times Ctrl-C: whatever the program waits for, it ends at once
 _raised = False
 _calls = 0
+_others = sys.unraisablehook
 
 
 class Interrupted(BaseException):
@@ -62,8 +64,17 @@ def heed_wish() -> None:
         raise Interrupted
 
 
+def _keep_quiet(dropped: sys.UnraisableHookArgs) -> None:
+    """What was raised while Python cleared an object away: the next report raises it once more."""
+    if not isinstance(dropped.exc_value, Interrupted):
+        _others(dropped)
+
+
 def heed_interrupts() -> None:
     """From now on Ctrl-C ends the work in order."""
+    global _others
+    if sys.unraisablehook is not _keep_quiet:
+        _others, sys.unraisablehook = sys.unraisablehook, _keep_quiet
     if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, signal.SIG_DFL):
         signal.signal(signal.SIGINT, _note)
 
@@ -74,6 +85,8 @@ def forget_interrupts() -> None:
     if _calls:
         _calls, _raised = 0, False
         signal.setitimer(signal.ITIMER_REAL, 0)
+    if sys.unraisablehook is _keep_quiet:
+        sys.unraisablehook = _others
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 

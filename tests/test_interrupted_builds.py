@@ -197,6 +197,30 @@ def test_a_signal_waits_until_progress_is_reported() -> None:
         heed_wish()
 
 
+def test_a_signal_while_an_object_is_cleared_away_prints_nothing_and_is_raised_again(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python drops what a destructor raises, and printed a traceback of it."""
+
+    class Cleared:
+        def __init__(self, error: BaseException) -> None:
+            self.error = error
+
+        def __del__(self) -> None:
+            raise self.error
+
+    monkeypatch.setattr(sys, "unraisablehook", sys.__unraisablehook__)
+    with ending():
+        signal.raise_signal(signal.SIGINT)
+        Cleared(Interrupted())
+        assert capfd.readouterr().err == ""
+        Cleared(ValueError("another fault"))
+        assert "another fault" in capfd.readouterr().err
+        with pytest.raises(Interrupted):
+            heed_wish()
+    assert sys.unraisablehook is sys.__unraisablehook__
+
+
 def test_work_that_reports_nothing_is_ended_after_a_while() -> None:
     began = time.monotonic()
     with ending():

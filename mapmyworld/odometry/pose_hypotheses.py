@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -138,12 +139,7 @@ def likeliest_match(
         and bool((reach <= (distance, angle)).all())  # else it may be where nothing is known
         and keyframes.share_seen_through(scan, prior.pose) >= SEEN
     )
-    matches = keyframes.matches(scan, starts, _WEAK_PRIOR, COARSE, settings)
-    if prior.is_fault(first.pose, config):  # else it shows the corridor as well
-        held = _held(scan, keyframes, prior, first, settings)
-        if not prior.is_fault(held.pose, config):
-            matches.append(held)
-    for match in matches:
+    for match in _alternatives(scan, keyframes, starts, prior, first, config, settings):
         other = place.agreement_with(view, match.pose)
         if other.evidence < needed or not _has_points(match, scan):
             continue
@@ -162,6 +158,21 @@ def likeliest_match(
             best, most = match, more
     is_likely = beyond_chance + prior.fits / NATS >= 0.0
     return first if best is None and is_likely else best
+
+
+def _alternatives(
+    scan: PreparedScan, keyframes: Keyframes, starts: Sequence[Array], prior: Prior, first: Match,
+    config: OdometryConfig, settings: Array,
+) -> list[Match]:  # fmt: skip
+    """Matches without the odometry; and with it alone along walls, where the `first` one makes it
+    a fault, and this does not.
+    """
+    matches = keyframes.matches(scan, starts, _WEAK_PRIOR, COARSE, settings)
+    if prior.is_fault(first.pose, config):
+        held = _held(scan, keyframes, prior, first, settings)
+        if not prior.is_fault(held.pose, config):
+            matches.append(held)
+    return matches
 
 
 def _held(

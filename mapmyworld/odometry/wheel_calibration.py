@@ -35,7 +35,7 @@ def calibrated_wheels(groups: Iterable[list[Frame]], config: Config) -> Array:
         count += len(frames)
         wheels = tracker.wheels
         noise.append(wheels[NOISE])
-        if (unknown := wheels[LAST][3]) < 0.5:
+        if (unknown := wheels[LAST][3]) < 0.5:  # most of it has been shown
             shown.append((wheels[NOISE][0] - unknown * FIRST_NOISE) / (1.0 - unknown))
             if _PATH * wheels[CERTAINTY][0] <= np.median(shown):
                 break

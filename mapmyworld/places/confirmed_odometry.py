@@ -8,7 +8,7 @@ import numpy as np
 
 from mapmyworld.backend.connected_components import components
 from mapmyworld.graph.solved_graph import SolvedGraph
-from mapmyworld.places.path_drift import in_doubt
+from mapmyworld.places.doubted_odometry import in_doubt
 from mapmyworld.places.refuted_odometry import FAULT_ODDS
 from mapmyworld.types import CLOSURES, Judge, Judged, Verdict, Why
 

@@ -14,9 +14,10 @@ from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
 from mapmyworld.graph.constraint_system import stated_system
 from mapmyworld.graph.covariance import relative_covariances
+from mapmyworld.places.doubted_odometry import in_doubt
 from mapmyworld.places.laser_candidates import SLACK
 from mapmyworld.places.laser_nodes import LaserNodes
-from mapmyworld.places.path_drift import SIGMAS, in_doubt
+from mapmyworld.places.path_drift import SIGMAS
 
 
 class DriftPrior(NamedTuple):

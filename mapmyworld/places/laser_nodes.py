@@ -15,7 +15,8 @@ from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
 from mapmyworld.odometry.pose_hypotheses import FEWEST
 from mapmyworld.odometry.unobserved_motion import FARTHEST
-from mapmyworld.places.path_drift import PathDrift, fault_variances, stated_variances
+from mapmyworld.places.doubted_odometry import fault_variances
+from mapmyworld.places.path_drift import PathDrift, stated_variances
 from mapmyworld.places.stored_scans import Scans, StoredScans
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, Poses
 

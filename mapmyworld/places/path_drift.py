@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -12,11 +11,10 @@ from scipy.sparse.csgraph import dijkstra
 
 from mapmyworld.backend.connected_components import components
 from mapmyworld.geometry import Array, Index
-from mapmyworld.geometry.planar import information_from_planar, information_to_planar
-from mapmyworld.odometry.pose_hypotheses import FAULT_SIZE
+from mapmyworld.geometry.planar import information_to_planar
 from mapmyworld.odometry.unobserved_motion import FARTHEST
-from mapmyworld.types import ConstraintKind, Judged, LaserTracking
-from mapmyworld.types.sources import Source
+from mapmyworld.places.doubted_odometry import fault_variances
+from mapmyworld.types import ConstraintKind, Judged
 
 NO_PAIRS = np.zeros((0, 2), np.int64)
 SIGMAS = 3.0  # of what is stated: as far as drift is searched
@@ -178,29 +176,3 @@ def stated_variances(ids: Index, constraints: Sequence[Judged]) -> Array:
     np.add.at(variances, rows, np.stack([known[:, 0, 0] + known[:, 1, 1], known[:, 2, 2]], axis=1))
     variances[np.searchsorted(ids, [c.to_id for c in constraints if c.is_tracking_loss])] = np.inf
     return variances[:-1] - fault_variances(ids, constraints)
-
-
-def fault_variances(ids: Index, constraints: Sequence[Judged]) -> Array:
-    """(N, 2) m^2 and rad^2 that a fault adds to motions in doubt, to nodes `ids` (N,)."""
-    variances = np.zeros((len(ids) + 1, 2))
-    doubted = [c.to_id for c in constraints if c.accepted and c.is_doubted]
-    x, y, yaw = np.square(FAULT_SIZE)
-    variances[np.searchsorted(ids, doubted)] = x + y, yaw
-    return variances[:-1]
-
-
-def in_doubt(c: Judged, doubted: bool) -> Judged:
-    """The same motion, which may be a fault; or no more, where it was in doubt."""
-    assert isinstance(c.source, LaserTracking)
-    measured, fault = np.linalg.inv(information_to_planar(c.information)), np.square(FAULT_SIZE)
-    covariance = measured + np.diag(fault if doubted else -fault)
-    return measured_anew(c, c.i_from_j, covariance, replace(c.source, doubted=doubted))
-
-
-def measured_anew(c: Judged, motion: Array, covariance: Array, source: Source) -> Judged:
-    """A constraint of the same kind between the same nodes, by another measurement.
-
-    Of the `motion` (4, 4), with a planar `covariance` (3, 3).
-    """
-    information = information_from_planar(np.linalg.inv(covariance))
-    return Judged(c.from_id, c.to_id, c.kind, motion, information, source)

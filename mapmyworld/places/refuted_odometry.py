@@ -26,10 +26,10 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.odometry.pose_hypotheses import FAULT, FAULT_SIZE
 from mapmyworld.odometry.tracking_losses import UNKNOWN
 from mapmyworld.parallel import in_threads
+from mapmyworld.places.doubted_odometry import in_doubt, measured_anew
 from mapmyworld.places.laser_closures import closure_information
 from mapmyworld.places.laser_nodes import LaserNodes
 from mapmyworld.places.laser_submaps import match_members, submap_of
-from mapmyworld.places.path_drift import in_doubt, measured_anew
 from mapmyworld.places.whole_map import SETTLED, WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import (
     FORTH,

@@ -49,8 +49,8 @@ def visits(moved: float) -> tuple[NodeScans, Poses]:
     made = prepare_scans(seen, CONFIG.registration)
     ids = np.arange(1, len(TRUTH) + 1)
     scans = scan_set([made.one(k) for k in range(len(made))])
-    none = np.zeros((len(nodes), 2))
-    loaded = NodeScans(nodes, scans, none, np.ones(len(nodes), np.bool_), none)
+    never = np.zeros(len(nodes), np.bool_)
+    loaded = NodeScans(nodes, scans, never, ~never, never)
     return loaded, Poses(ids, poses, None)
 
 
@@ -143,10 +143,9 @@ def test_the_graph_decides_what_scans_leave_ambiguous(
     loaded, poses = same
     door = closure(np.array([2.0, 0.0, 0.0]), ConstraintKind.LOOP_CLOSURE, ScanMatch(score=0.8))
     refused = door.judged(Verdict(Judge.LASER, False, why))
-    lost = loaded.variances.copy()
-    lost[98] = np.inf if session else 0.0  # before the second visit
-    sees = np.ones(len(TRUTH), np.bool_)
-    parted = NodeScans(loaded.nodes, loaded.scans, lost, sees, loaded.variances)
+    lost = loaded.lost.copy()
+    lost[98] = session > 0  # before the second visit
+    parted = loaded._replace(lost=lost)
 
     def known(pairs: Index) -> Array:
         return np.full(len(pairs), sigma)

@@ -40,8 +40,8 @@ from mapmyworld.geometry.rigid import between as rigid
 from mapmyworld.geometry.rigid import se3_adjoint, se3_exp
 from mapmyworld.geometry.rotations import skew
 from mapmyworld.graph.covariance import (
+    RelativeCovariances,
     marginal_covariances,
-    relative_covariances,
     relative_pose,
 )
 from mapmyworld.graph.solved_graph import solve
@@ -180,7 +180,7 @@ def test_a_relative_covariance_of_neighbours_in_a_chain_is_the_edges_own():
     for k in range(29):
         poses[k + 1] = retract(True, poses[k : k + 1], np.zeros((1, 3)))[0]
         poses[k + 1] = compose_planar(poses[k], motion[k])
-    found = relative_covariances(system, poses, np.array([4, 20]), np.array([5, 21]))
+    found = RelativeCovariances.of(system, poses).between(np.array([4, 20]), np.array([5, 21]))
     assert np.allclose(found, np.linalg.inv(system.information[[4, 20]]))
 
 

@@ -65,7 +65,7 @@ def seen_from(believed: Array, later: Array = RING) -> LaserNodes:
         prepare_scan(cast(pose, RING if k < LAP else later, k), config)
         for k, pose in enumerate(TRUTH)
     ])  # fmt: skip
-    return laser_nodes(np.arange(1, len(TRUTH) + 1), scans, believed, np.zeros((len(TRUTH), 2)))
+    return laser_nodes(np.arange(1, len(TRUTH) + 1), scans, believed)
 
 
 def bent() -> Array:

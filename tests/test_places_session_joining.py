@@ -13,6 +13,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
+    information_from_planar,
     invert_planar,
     matrix_to_planar,
     planar_to_matrix,
@@ -54,12 +55,22 @@ def carried(walls: Array, *paths: Array) -> tuple[LaserNodes, NodeScans]:
     )
     scans = [prepare_scan(cast(p, walls, k), CONFIG.registration) for k, p in enumerate(truth)]
     nodes = [Node(k + 1, 0, k, p, p) for k, p in enumerate(planar_to_matrix(believed))]
-    variances = np.zeros((len(truth), 2))
-    variances[np.cumsum([len(path) for path in paths])[:-1]] = np.inf
-    loaded = NodeScans(
-        nodes, scan_set(scans), variances, np.ones(len(truth), np.bool_), np.zeros_like(variances)
-    )
-    return nodes_at(loaded, None), loaded
+    lost = np.zeros(len(truth), np.bool_)
+    lost[np.cumsum([len(path) for path in paths])[:-1]] = True
+    sees = np.ones(len(truth), np.bool_)
+    loaded = NodeScans(nodes, scan_set(scans), lost, sees, ~sees)
+    return nodes_at(loaded, None, None, _motions(believed, lost)), loaded
+
+
+def _motions(poses: Array, lost: NDArray[np.bool_]) -> list[Judged]:
+    """Between nodes with ids from 1 on at poses (N, 3), but for those where tracking was lost."""
+    steps = planar_to_matrix(between_planar(poses[:-1], poses[1:]))
+    known = information_from_planar(np.diag([1e8, 1e8, 1e8]))
+    return [
+        Judged(k, k + 1, ConstraintKind.NEIGHBOUR, step, known)
+        for k, step in enumerate(steps, start=1)
+        if not lost[k]
+    ]
 
 
 def located(walls: Array, *paths: Array, prior: LossPrior | None = None) -> Array | None:

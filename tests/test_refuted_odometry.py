@@ -46,9 +46,7 @@ COVARIANCE = covariance_from_planar(np.diag([0.02, 0.02, 0.01]) ** 2, off_plane=
 def driven(truth: Array, believed: Array, walls: Array) -> tuple[LaserNodes, list[Judged]]:
     """Nodes whose motions were matched, but for one in the middle by odometry alone."""
     scans = [prepare_scan(cast(p, walls, k), CONFIG.registration) for k, p in enumerate(truth)]
-    nodes = laser_nodes(
-        np.arange(1, len(truth) + 1), scan_set(scans), believed, np.zeros((len(truth), 2))
-    )
+    nodes = laser_nodes(np.arange(1, len(truth) + 1), scan_set(scans), believed)
     steps = planar_to_matrix(between_planar(believed[:-1], believed[1:]))
     states = np.full(len(steps), "matched", object)
     states[len(truth) // 2 - 1] = "odometry only"

@@ -24,11 +24,10 @@ from mapmyworld.places.laser_nodes import (
     LaserNodes,
     NodeScans,
     calm_spots,
+    led_to,
     nodes_at,
-    sessions_of,
 )
 from mapmyworld.places.laser_submaps import submap_members
-from mapmyworld.places.path_drift import stated_variances
 from mapmyworld.places.session_closures import session_closures
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.stages.nodes import Motion, NodeSelector, neighbours
@@ -232,7 +231,7 @@ def neighbour(to_id: int, sigmas: Array, *, lost: bool) -> Judged:
     )  # fmt: skip
 
 
-def test_a_loss_is_unknown_motion() -> None:
+def test_what_was_lost_before_a_node_without_a_scan_was_lost_before_the_next_one() -> None:
     constraints = [
         neighbour(5, np.full(3, 1.0), lost=True),
         neighbour(6, np.full(3, 9.0), lost=False),
@@ -240,9 +239,10 @@ def test_a_loss_is_unknown_motion() -> None:
         neighbour(11, np.full(3, 9.0), lost=True),
     ]
     # Node 5 has no scan: what was lost before it was lost before the next one.
-    variances = stated_variances(np.array([1, 2, 3, 4, 6, 7, 8, 9]), constraints)
-    assert np.isinf(variances).all(axis=1).tolist() == [k in (4, 7) for k in range(8)]
-    assert sessions_of(variances).tolist() == [0, 0, 0, 0, 1, 1, 1, 2]
+    lost = led_to(
+        np.array([1, 2, 3, 4, 6, 7, 8, 9]), (c for c in constraints if c.is_tracking_loss)
+    )
+    assert lost.tolist() == [k in (4, 7) for k in range(8)]
 
 
 def two_rooms(lost: Array | None) -> LaserNodes:
@@ -257,10 +257,11 @@ def two_rooms(lost: Array | None) -> LaserNodes:
     nodes = [
         Node(int(i), 0, int(i), p, p) for i, p in zip(ids, planar_to_matrix(believed), strict=True)
     ]
-    losses = [] if lost is None else [neighbour(42, lost, lost=True)]
-    seen, no_faults = np.ones(len(ids), np.bool_), np.zeros((len(ids), 2))
-    loaded = NodeScans(nodes, scans, stated_variances(ids, losses), seen, no_faults)
-    return nodes_at(loaded, None)
+    motions = [neighbour(int(k), np.full(3, 1e-8), lost=False) for k in ids[1:]]
+    if lost is not None:
+        motions[40] = neighbour(42, lost, lost=True)
+    parted, seen = led_to(ids, (c for c in motions if c.is_tracking_loss)), np.ones(82, np.bool_)
+    return nodes_at(NodeScans(nodes, scans, parted, seen, ~seen), None, None, motions)
 
 
 def test_no_submap_spans_a_loss() -> None:

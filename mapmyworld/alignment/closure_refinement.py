@@ -26,7 +26,7 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.places.laser_closures import OPEN, closure_information
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, joined_sessions, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, place_around
-from mapmyworld.places.path_drift import SIGMAS
+from mapmyworld.places.node_drift import SIGMAS
 from mapmyworld.registration.place_evidence import needed_evidence
 from mapmyworld.registration.scan_search import APART
 from mapmyworld.registration.submaps import MARGIN

@@ -20,7 +20,7 @@ from mapmyworld.backend.system import System, believed_edges, chosen_edges, edge
 from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, planar_adjoint
 from mapmyworld.geometry.rigid import transported
-from mapmyworld.graph.covariance import relative_covariances
+from mapmyworld.graph.covariance import RelativeCovariances
 from mapmyworld.kernels.laser_motion import FAINT
 from mapmyworld.registration.scan_matching import ScanSet
 
@@ -76,9 +76,10 @@ class RelativeCertainty:
         (a, b), (tails, heads) = pairs.T, self.near[pairs].T
         spread, apart = np.zeros((len(pairs), 3, 3)), tails != heads
         try:
-            spread[apart] = relative_covariances(self.joint, self.scans, tails[apart], heads[apart])
+            known = RelativeCovariances.of(self.joint, self.scans)
         except NotPositiveDefiniteError:
             return np.full(len(pairs), np.inf)
+        spread[apart] = known.between(tails[apart], heads[apart])
         a_in_b = planar_adjoint(between_planar(self.poses[b], self.poses[a]))
         spread = carried(spread, self.scans[heads], self.poses[b])
         spread += self.against[b] + transported(a_in_b, self.against[a])
@@ -111,7 +112,7 @@ def are_known_within(
     """
     anchored = believed_edges(system, np.ones(len(system.tails), np.bool_))
     try:
-        spread = relative_covariances(anchored, poses, *pairs.T)
+        spread = RelativeCovariances.of(anchored, poses).between(*pairs.T)
     except NotPositiveDefiniteError:
         return np.ones(len(pairs), np.bool_)
     return np.asarray(np.linalg.eigvalsh(spread[:, :2, :2])[:, 1] < reach**2)

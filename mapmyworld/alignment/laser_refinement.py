@@ -47,7 +47,7 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.graph.covariance import marginal_covariances
 from mapmyworld.odometry.sweep_noise import sweep_variances
 from mapmyworld.odometry.unobserved_motion import FARTHEST
-from mapmyworld.places.laser_nodes import NodeScans, sessions_of
+from mapmyworld.places.laser_nodes import NodeScans
 from mapmyworld.registration.scan_matching import FINE, ScanSet
 from mapmyworld.types import Judged, Node, Poses, Progress, TrackedFrames
 
@@ -88,7 +88,7 @@ def refine_poses(
     progress.stage("refine", len(FINE), "rounds")
     rows = {int(i): row for row, i in enumerate(poses.ids)}
     solved = matrix_to_planar(np.stack([poses.map_from_node[rows[n.id]] for n in nodes]))
-    sessions = _sessions(nodes, sessions_of(loaded.variances))
+    sessions = _sessions(nodes, np.cumsum(loaded.lost))
     statements = Statements.of(nodes, constraints)
     chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in sessions])
     chosen = np.union1d(chosen, statements.concerns(nodes))

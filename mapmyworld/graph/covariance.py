@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.backend.connected_components import positions
-from mapmyworld.backend.information import NotPositiveDefiniteError, information_of
+from mapmyworld.backend.information import (
+    Information,
+    NotPositiveDefiniteError,
+    information_of,
+)
 from mapmyworld.backend.predictions import predictions
 from mapmyworld.backend.system import System, chosen_edges
 from mapmyworld.errors import GraphError
@@ -75,7 +79,7 @@ def relative_pose(
         )
     poses = _solved(problem)
     try:
-        covariance = relative_covariances(problem.system, poses, at[:1], at[1:])
+        covariance = RelativeCovariances.of(problem.system, poses).between(at[:1], at[1:])
     except NotPositiveDefiniteError:
         raise GraphError("the accepted constraints leave a node undetermined") from None
     step = between_planar if graph.planar else between
@@ -97,22 +101,35 @@ def _solved(problem: Problem) -> Array:
     return poses
 
 
-def relative_covariances(system: System, poses: Array, tails: Index, heads: Index) -> Array:
-    """(P, d, d) covariance of the motions between pairs of nodes, in the second node's frame.
+@dataclass(frozen=True, slots=True, eq=False)
+class RelativeCovariances:
+    """What a solution knows of motions between pairs of its nodes."""
 
-    Raises `NotPositiveDefiniteError` where the edges leave a node undetermined.
+    system: System
+    poses: Array
+    """(N, 3 or 4, 4) map_from_node."""
+    information: Information
 
-    `poses` (N, 3 or 4, 4) are map_from_node, `tails` and `heads` (P,) the pairs.
-    """
-    step = between_planar if system.planar else between
-    exact = np.tile(np.eye(system.dimension), (len(tails), 1, 1))
-    asked = replace(
-        system, tails=tails, heads=heads, measured=step(poses[tails], poses[heads]),
-        information=exact, kinds=None,
-    )  # fmt: skip
-    alone = list(np.arange(len(tails)).reshape(-1, 1))
-    found = predictions(information_of(system, poses), asked, poses, alone)
-    return np.array([one.covariance for one in found]).reshape(exact.shape)
+    @staticmethod
+    def of(system: System, poses: Array) -> RelativeCovariances:
+        """By a system's edges at `poses` (N, 3 or 4, 4), map_from_node.
+
+        Raises `NotPositiveDefiniteError` where the edges leave a node undetermined.
+        """
+        return RelativeCovariances(system, poses, information_of(system, poses))
+
+    def between(self, tails: Index, heads: Index) -> Array:
+        """(P, d, d) covariance of the motions between pairs (P,), in the second node's frame."""
+        system, poses = self.system, self.poses
+        step = between_planar if system.planar else between
+        exact = np.tile(np.eye(system.dimension), (len(tails), 1, 1))
+        asked = replace(
+            system, tails=tails, heads=heads, measured=step(poses[tails], poses[heads]),
+            information=exact, kinds=None,
+        )  # fmt: skip
+        alone = list(np.arange(len(tails)).reshape(-1, 1))
+        found = predictions(self.information, asked, poses, alone)
+        return np.array([one.covariance for one in found]).reshape(exact.shape)
 
 
 def spatial_covariances(planar: bool, covariances: Array) -> Array:

@@ -14,7 +14,7 @@ from mapmyworld.kernels.planar_algebra import invert3
 from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.localisation.observation import SEARCHED, Moment, fit_at, match_at
 from mapmyworld.places.laser_candidates import FIRST_WINDOW
-from mapmyworld.places.path_drift import SIGMAS
+from mapmyworld.places.node_drift import SIGMAS
 from mapmyworld.places.refuted_odometry import FAULT_ODDS
 from mapmyworld.registration.place_evidence import Agreement, Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, Match, scan_set

@@ -54,7 +54,7 @@ def smooth_path(
     """
     chained = np.array(list(accumulate(moves, compose_planar, initial=np.zeros(3))))
     nodes = _nodes(chained, chained if np.isnan(odometry).any() else odometry, stamps_ns)
-    loaded = _loaded(nodes, covariances, scans, config)
+    loaded = _loaded(nodes, scans, config)
     motions = _motions(nodes, moves, covariances)
 
     def solve(constraints: Sequence[Judged], until: int | None) -> SolvedGraph:
@@ -88,12 +88,8 @@ def _motions(nodes: Sequence[Node], moves: Array, covariances: Array) -> list[Ju
     ]
 
 
-def _loaded(
-    nodes: list[Node], covariances: Array, scans: Sequence[Scan], config: Config
-) -> NodeScans:
+def _loaded(nodes: list[Node], scans: Sequence[Scan], config: Config) -> NodeScans:
     """The nodes with their scans made ready."""
     prepared = prepare_scans(scans, config.registration)
-    x, y, yaw = covariances.diagonal(0, 1, 2).T
-    variances = np.append(np.zeros((1, 2)), np.stack([x + y, yaw], axis=1), axis=0)
-    sees = np.diff(prepared.bounds) >= FEWEST
-    return NodeScans(nodes, prepared, variances, sees, np.zeros((len(nodes), 2)))
+    never = np.zeros(len(nodes), np.bool_)
+    return NodeScans(nodes, prepared, never, np.diff(prepared.bounds) >= FEWEST, never)

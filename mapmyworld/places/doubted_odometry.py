@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from mapmyworld.geometry import Array, Index
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import information_from_planar, information_to_planar
 from mapmyworld.odometry.pose_hypotheses import FAULT_SIZE
 from mapmyworld.types import Judged, LaserTracking, Source
-
-
-def fault_variances(ids: Index, constraints: Sequence[Judged]) -> Array:
-    """(N, 2) m^2 and rad^2 that a fault adds to motions in doubt, to nodes `ids` (N,)."""
-    variances = np.zeros((len(ids) + 1, 2))
-    doubted = [c.to_id for c in constraints if c.accepted and c.is_doubted]
-    x, y, yaw = np.square(FAULT_SIZE)
-    variances[np.searchsorted(ids, doubted)] = x + y, yaw
-    return variances[:-1]
 
 
 def in_doubt(c: Judged, doubted: bool) -> Judged:

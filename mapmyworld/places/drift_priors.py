@@ -6,18 +6,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mapmyworld.backend.connected_components import components
-from mapmyworld.backend.information import NotPositiveDefiniteError
-from mapmyworld.geometry import Array, Index
-from mapmyworld.geometry.planar import between_planar, planar_to_matrix
-from mapmyworld.graph.constraint_system import stated_system
-from mapmyworld.graph.covariance import relative_covariances
-from mapmyworld.places.doubted_odometry import in_doubt
+from mapmyworld.geometry import Array
+from mapmyworld.geometry.planar import between_planar
 from mapmyworld.places.laser_candidates import SLACK
 from mapmyworld.places.laser_nodes import LaserNodes
-from mapmyworld.places.path_drift import SIGMAS
+from mapmyworld.places.node_drift import SIGMAS
 
 
 class DriftPrior(NamedTuple):
@@ -43,42 +37,13 @@ class DriftPrior(NamedTuple):
 
 
 def drift_priors(nodes: LaserNodes, pairs: Sequence[tuple[int, int]]) -> list[DriftPrior]:
-    """Of every pair of nodes, as the constraints that their poses are solved by know it.
+    """Of every pair of nodes, as the constraints that hold the nodes know it.
 
-    Odometry in doubt counts as the nodes' `drift` has it. Where nothing connects them, the drift
-    along the path. Solved poses may be off by a third of
-    the slack in any case, in sigmas.
+    Solved poses may be off by a third of the slack in any case, in sigmas.
     """
-    if not pairs:
-        return []
-    tails, heads = np.array(pairs, np.int64).T
-    spreads = np.zeros((len(pairs), 3, 3))
-    for k, (a, b) in enumerate(pairs):
-        metres, radians = np.add(SLACK, nodes.drift.reach(a, b))
-        spreads[k] = np.diag(np.square(np.array([metres, metres, min(radians, np.pi)]) / SIGMAS))
-    known, own = _graph_covariances(nodes, tails, heads)
-    spreads[known] = own + np.diag(np.square([SLACK[0], *SLACK])) / SIGMAS**2
+    tails, heads = np.array(pairs, np.int64).reshape(-1, 2).T
+    spreads = nodes.drift.covariances(tails, heads)
+    spreads += np.diag(np.square([SLACK[0], *SLACK])) / SIGMAS**2
     poses = between_planar(nodes.poses[tails], nodes.poses[heads])
     each = zip(pairs, poses, spreads, strict=True)
     return [DriftPrior(*pair, pose, spread) for pair, pose, spread in each]
-
-
-def _graph_covariances(
-    nodes: LaserNodes, tails: Index, heads: Index
-) -> tuple[NDArray[np.bool_], Array]:
-    """Which pairs (P,) of nodes the graph connects, and covariances (K, 3, 3) of these."""
-    ids, count = set(nodes.ids.tolist()), len(nodes.ids)
-    between = [c for c in nodes.stated if c.from_id in ids and c.to_id in ids]
-    if nodes.drift.is_without_faults:
-        between = [in_doubt(c, False) if c.is_doubted else c for c in between]
-    stated = stated_system(nodes.ids, planar_to_matrix(nodes.poses), between, True)
-    system, linked = stated.system, stated.system.tails < count
-    part = components(count, system.tails[linked], system.heads[linked])
-    known = np.asarray(part[tails] == part[heads])
-    if known.any():
-        try:
-            found = relative_covariances(system, stated.start, tails[known], heads[known])
-            return known, found
-        except NotPositiveDefiniteError:
-            pass
-    return np.zeros(len(tails), np.bool_), np.zeros((0, 3, 3))

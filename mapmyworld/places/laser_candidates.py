@@ -39,18 +39,23 @@ def candidate_pairs(nodes: LaserNodes, config: Config, *, optimised: bool, first
     spots = calm_spots(nodes, spacing)
     tree = cKDTree(nodes.poses[spots, :2])
     widest = NEAR + (0.0 if optimised else FIRST_WINDOW)
+    later = spots[spots >= first]
+    close = tree.query_ball_point(nodes.poses[later, :2], widest, return_sorted=True)
+    heads = np.repeat(later, [len(some) for some in close])
+    near = np.concatenate([np.zeros(0, np.int64), *(np.array(some, np.int64) for some in close)])
+    tails = spots[near]
+    earlier = nodes.path[heads] - nodes.path[tails] > 2.0 * places.laser_submap
+    earlier &= nodes.session[tails] == nodes.session[heads]
+    near, tails, heads = near[earlier], tails[earlier], heads[earlier]
+    apart = np.hypot(*(nodes.poses[tails, :2] - nodes.poses[heads, :2]).T)
+    drift = 0.0 if optimised else nodes.drift.reach(tails, heads)[:, 0]
+    within = apart < NEAR + np.minimum(drift, FIRST_WINDOW)
+    near, heads, apart = near[within], heads[within], apart[within]
     pairs: Pairs = []
-    for later in spots[spots >= first]:
-        near = np.array(sorted(tree.query_ball_point(nodes.poses[later, :2], widest)), np.int64)
-        near = near[nodes.path[later] - nodes.path[spots[near]] > 2.0 * places.laser_submap]
-        near = near[nodes.session[spots[near]] == nodes.session[later]]
-        apart = np.hypot(*(nodes.poses[spots[near], :2] - nodes.poses[later, :2]).T)
-        drift = 0.0 if optimised else nodes.drift.metres(spots[near], int(later))
-        reach = NEAR + np.minimum(drift, FIRST_WINDOW)
-        best = _nearest_of_revisits(
-            near[apart < reach], apart[apart < reach], places.laser_revisits
-        )
-        pairs += [(int(spots[k]), int(later)) for k in best]
+    for head in np.unique(heads).tolist():
+        mine = heads == head
+        best = _nearest_of_revisits(near[mine], apart[mine], places.laser_revisits)
+        pairs += [(int(spots[k]), head) for k in best]
     return pairs
 
 
@@ -65,7 +70,7 @@ def lost_pairs(nodes: LaserNodes, config: Config) -> list[tuple[int, int]]:
     pairs: list[tuple[int, int]] = []
     for later in calm_spots(nodes, 2.0 * size).tolist():
         near = earlier[(earlier < later) & (nodes.session[earlier] == nodes.session[later])]
-        drift = nodes.drift.metres(near, later)
+        drift = nodes.drift.reach(near, np.full(len(near), later))[:, 0]
         apart = np.hypot(*(nodes.poses[near, :2] - nodes.poses[later, :2]).T)
         worth = near[(drift > NEAR) & (apart < size + drift)]
         pairs += [(int(k), later) for k in worth[:: max(math.ceil(len(worth) / MOST), 1)]]

@@ -28,7 +28,7 @@ from mapmyworld.places.laser_candidates import (
     pairs_about,
     untied,
 )
-from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, held_by, nodes_at
+from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, place_around, submap_members
 from mapmyworld.places.perceptual_aliasing import reject_aliases
 from mapmyworld.registration.place_evidence import FORTH, Hypothesis, Place, needed_evidence
@@ -77,14 +77,15 @@ def find_laser_closures(
         ends = [(a, b, int(nodes.ids[a]), int(nodes.ids[b])) for a, b in pairs]
         return [(a, b) for a, b, i, j in ends if (i, j) not in known and j >= since]
 
-    nodes = held_by(nodes, tied)
     pairs = untried(untied(nodes, candidate_pairs(nodes, config, optimised=True), tied, config))
     progress.stage("loop closures by laser", len(pairs), "pairs")
     found = [
         replace(c, kind=ConstraintKind.PROXIMITY) for c in compare_places(nodes, pairs, config)
     ]
     for may_be_fault in (False, True):
-        wide = held_by(nodes, [*tied, *found])
+        if may_be_fault and not loaded.doubted.any():
+            break
+        wide = nodes_at(loaded, poses, None, [*tied, *found])
         if may_be_fault:
             wide = replace(wide, drift=wide.drift.with_faults())
         known |= {(c.from_id, c.to_id) for c in found}

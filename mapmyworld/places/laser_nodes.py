@@ -15,10 +15,9 @@ from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
 from mapmyworld.odometry.pose_hypotheses import FEWEST
 from mapmyworld.odometry.unobserved_motion import FARTHEST
-from mapmyworld.places.doubted_odometry import fault_variances
-from mapmyworld.places.path_drift import PathDrift, stated_variances
+from mapmyworld.places.node_drift import NodeDrift
 from mapmyworld.places.stored_scans import Scans, StoredScans
-from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, Poses
+from mapmyworld.types import CLOSURES, Constraint, ConstraintKind, Judged, MapStore, Node, Poses
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
 
@@ -35,15 +34,14 @@ class LaserNodes:
     path: Array
     """(N,) metres driven, rotation counted as well; more than maps reach where tracking was lost or
     scans put the odometry in doubt, so that no submap spans such a motion."""
-    drift: PathDrift
-    """Along the path, and what closures leave of it."""
+    drift: NodeDrift
+    """By how much they may lie off from each other."""
     sees: NDArray[np.bool_]
     """(N,) whether the scan shows where it was taken: it has points enough, and fits what is
     seen before it or afterwards."""
     session: Index
-    """(N,) number of the session, which ends where tracking is lost and odometry with it."""
-    stated: tuple[Judged, ...] = ()
-    """The accepted constraints that the poses are solved by."""
+    """(N,) number of the session, which ends where tracking is lost and odometry with it; those
+    that closures join are one."""
 
 
 class NodeScans(NamedTuple):
@@ -51,13 +49,13 @@ class NodeScans(NamedTuple):
 
     nodes: list[Node]
     scans: Scans
-    variances: Array
-    """(N, 2) m^2 and rad^2 of the motion to each node, as stated; infinite for tracking losses."""
+    lost: NDArray[np.bool_]
+    """(N,) whether tracking was lost on the way to the node."""
     sees: NDArray[np.bool_]
     """(N,) whether the scan shows where it was taken: it has points enough, and fits what is
     seen before it or afterwards."""
-    faults: Array
-    """(N, 2) what a fault would add to the variances, where scans put the odometry in doubt."""
+    doubted: NDArray[np.bool_]
+    """(N,) whether scans put the odometry in doubt on the way to it."""
 
 
 def load_node_scans(store: MapStore, config: Config) -> NodeScans:
@@ -72,28 +70,41 @@ def load_node_scans(store: MapStore, config: Config) -> NodeScans:
     apart = np.isin(ids, [c.from_id for c in unmatched]) & np.isin(
         ids, [c.to_id for c in unmatched]
     )
-    return NodeScans(
-        nodes, scans, stated_variances(ids, constraints),
-        (scans.sizes >= FEWEST) & ~apart, fault_variances(ids, constraints),
-    )  # fmt: skip
+    lost = led_to(ids, (c for c in constraints if c.is_tracking_loss))
+    doubted = led_to(ids, (c for c in constraints if c.accepted and c.is_doubted))
+    return NodeScans(nodes, scans, lost, (scans.sizes >= FEWEST) & ~apart, doubted)
+
+
+def led_to(ids: Index, motions: Iterable[Constraint]) -> NDArray[np.bool_]:
+    """(N,) to which of the nodes `ids` (N,), ascending, one of some motions leads.
+
+    To the next one, where the node that it leads to is none of them.
+    """
+    found = np.zeros(len(ids) + 1, np.bool_)
+    found[np.searchsorted(ids, [c.to_id for c in motions])] = True
+    return found[:-1]
 
 
 def laser_nodes(
-    ids: Index, scans: Scans, poses: Array, variances: Array, faults: Array | None = None
-) -> LaserNodes:
-    """Nodes `ids` (N,) that all see, with the length of path up to each; nothing holds them.
+    ids: Index, scans: Scans, poses: Array, stated: Iterable[Judged] = (),
+    lost: NDArray[np.bool_] | None = None, doubted: NDArray[np.bool_] | None = None,
+) -> LaserNodes:  # fmt: skip
+    """Nodes `ids` (N,) that all see, held by the accepted ones of the `stated` constraints.
 
-    `poses` (N, 3) are map_from_base; `variances` and `faults` (N, 2) as in `NodeScans`.
+    `poses` (N, 3) are map_from_base; `lost` and `doubted` (N,) as in `NodeScans`, by default none.
     """
+    never, accepted = np.zeros(len(ids), np.bool_), tuple(c for c in stated if c.accepted)
+    lost, doubted = (never if some is None else some for some in (lost, doubted))
+    path = metres_driven(poses) + FARTHEST * (np.cumsum(lost) + np.cumsum(doubted))
+    session = _joined(ids, np.cumsum(lost), _closures(accepted))
+    return LaserNodes(ids, scans, poses, path, NodeDrift(ids, poses, accepted), ~never, session)
+
+
+def metres_driven(poses: Array) -> Array:
+    """(N,) metres of path up to each of some poses (N, 3), rotation counted as well."""
     steps = between_planar(poses[:-1], poses[1:])
     lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
-    tracked = np.concatenate([[0.0], np.cumsum(lengths)])
-    drift = PathDrift(tracked, poses, variances, faults=faults)
-    path = drift.path
-    sees = np.ones(len(ids), np.bool_)
-    if faults is not None:
-        path = path + FARTHEST * np.cumsum(faults.any(axis=1))
-    return LaserNodes(ids, scans, poses, path, drift, sees, sessions_of(variances))
+    return np.concatenate([[0.0], np.cumsum(lengths)])
 
 
 def nodes_at(
@@ -102,7 +113,7 @@ def nodes_at(
 ) -> LaserNodes:  # fmt: skip
     """The first `count` nodes at solved poses, at tracked ones without; all of them by default.
 
-    The poses are solved by the accepted ones of these `stated` constraints.
+    They are held by the accepted ones of the `stated` constraints.
     """
     nodes = loaded.nodes[:count]
     ids = np.array([node.id for node in nodes], np.int64)
@@ -113,15 +124,10 @@ def nodes_at(
         matrices = poses.map_from_node[[row[int(i)] for i in ids]]
     some = slice(0, len(ids))
     found = laser_nodes(
-        ids, loaded.scans, matrix_to_planar(matrices), loaded.variances[some], loaded.faults[some]
-    )
-    accepted = tuple(c for c in stated if c.accepted)
-    return replace(found, sees=loaded.sees[: len(ids)], stated=accepted)
-
-
-def sessions_of(variances: Array) -> Index:
-    """(N,) number of each node's session, from the variances (N, 2) of the motions to nodes."""
-    return np.cumsum(np.isinf(variances).any(axis=1).astype(np.int64))
+        ids, loaded.scans, matrix_to_planar(matrices), stated, loaded.lost[some],
+        loaded.doubted[some],
+    )  # fmt: skip
+    return replace(found, sees=loaded.sees[some])
 
 
 def spaced(path: Array, spacing: float) -> Index:
@@ -150,20 +156,10 @@ def _unevenness(nodes: LaserNodes) -> Array:
     return np.abs(np.diff(turns, append=turns[-1:]))
 
 
-def held_by(nodes: LaserNodes, constraints: Iterable[Judged]) -> LaserNodes:
-    """The nodes, knowing which accepted closures hold them, and with joined sessions as one."""
-    closures = _closures(constraints)
-    session = _joined(nodes.ids, nodes.session, closures)
-    row = {int(i): k for k, i in enumerate(nodes.ids)}
-    ends = [(row[c.from_id], row[c.to_id]) for c in closures if {c.from_id, c.to_id} <= row.keys()]
-    drift = nodes.drift.held_by(np.array(ends, np.int64).reshape(-1, 2))
-    return replace(nodes, drift=drift, session=session)
-
-
 def joined_sessions(loaded: NodeScans, constraints: Iterable[Judged]) -> Index:
     """(N,) number of each node's session, those as one that accepted closures join."""
     ids = np.array([node.id for node in loaded.nodes], np.int64)
-    return _joined(ids, sessions_of(loaded.variances), _closures(constraints))
+    return _joined(ids, np.cumsum(loaded.lost), _closures(constraints))
 
 
 def _closures(constraints: Iterable[Judged]) -> list[Judged]:

@@ -11,7 +11,7 @@ from mapmyworld.config import Config
 from mapmyworld.graph.solved_graph import SolvedGraph
 from mapmyworld.places.laser_candidates import candidate_pairs
 from mapmyworld.places.laser_closures import compare_places
-from mapmyworld.places.laser_nodes import NodeScans, held_by, nodes_at
+from mapmyworld.places.laser_nodes import NodeScans, metres_driven, nodes_at
 from mapmyworld.types import Judged, Poses, Progress
 
 _SECTION = 200.0  # m of path, about, that are searched before what was found is solved
@@ -33,7 +33,7 @@ def closures_by_section(
     """
     if len(loaded.nodes) < 2:
         return []
-    path = nodes_at(loaded, None).drift.tracked
+    path = metres_driven(nodes_at(loaded, None).poses)
     count = max(1, round(float(path[-1]) / _SECTION))
     edges = np.searchsorted(path, np.linspace(0.0, path[-1], count + 1)[1:-1])
     found: list[Judged] = []
@@ -43,7 +43,6 @@ def closures_by_section(
         if any(c.accepted for c in found) or any(c.is_relocalised for c in so_far):
             draft = solve(so_far, loaded.nodes[end - 1].id)
             nodes = nodes_at(loaded, draft.poses, end, draft.constraints)
-            nodes = held_by(nodes, draft.constraints)
         pairs = candidate_pairs(nodes, config, optimised=False, first=first)
         progress.stage("loop closures by laser", len(pairs), "pairs")
         found += compare_places(nodes, pairs, config)

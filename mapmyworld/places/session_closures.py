@@ -8,13 +8,20 @@ from dataclasses import replace
 import numpy as np
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.planar import compose_planar, information_to_planar
-from mapmyworld.places.laser_candidates import NEAR
+from mapmyworld.geometry.planar import (
+    between_planar,
+    compose_planar,
+    information_from_planar,
+    information_to_planar,
+    planar_to_matrix,
+)
+from mapmyworld.places.laser_candidates import NEAR, SLACK
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import LaserNodes
+from mapmyworld.places.node_drift import SIGMAS
 from mapmyworld.places.session_joining import LossPrior, locate_session
 from mapmyworld.places.session_places import SessionPlaces
-from mapmyworld.types import Constraint, Judged, Progress
+from mapmyworld.types import Constraint, ConstraintKind, Judged, Progress
 
 Pair = tuple[int, int, int, int]
 """First row and number of nodes of an earlier session, and of a later one."""
@@ -79,8 +86,21 @@ def _joined(
 def closures_between(
     nodes: LaserNodes, earlier: SessionPlaces, later: SessionPlaces, config: Config
 ) -> list[Judged]:
-    """Places of two sessions that lie near each other at these nodes' poses, compared."""
-    return compare_places(nodes, _near_pairs(nodes, earlier, later), config)
+    """Places of two sessions that lie near each other at these nodes' poses, compared.
+
+    The sessions lie as they were found to, but for the slack of solved poses.
+    """
+    pairs = _near_pairs(nodes, earlier, later)
+    if not pairs:
+        return []
+    tails, heads = np.array(pairs).T
+    steps = between_planar(nodes.poses[tails], nodes.poses[heads])
+    k = int(np.argmin(np.hypot(steps[:, 0], steps[:, 1])))
+    known = information_from_planar(np.diag(np.square(SIGMAS / np.array([SLACK[0], *SLACK]))))
+    (a, b), pose = nodes.ids[list(pairs[k])].tolist(), planar_to_matrix(steps[k])
+    joint = Judged(a, b, ConstraintKind.LOOP_CLOSURE, pose, known)
+    drift = replace(nodes.drift, stated=(*nodes.drift.stated, joint))
+    return compare_places(replace(nodes, drift=drift), pairs, config)
 
 
 def _near_pairs(

@@ -171,11 +171,10 @@ def _reports(
     known: SessionPlaces, other: SessionPlaces, move: Array, about: Array
 ) -> dict[int, tuple[Array, Agreement]]:
     """Pose (3,) and report of each place of a session in a map, which agree at `about` (3,)."""
-    reports = {}
+    reports, windows = {}, other.windows(about)
     for k, place in other.places.items():
-        window = other.window(k, about)
         guess = compose_planar(move, other.nodes.poses[k])
-        pose, _ = known.whole.best_about(place, guess, *window)
+        pose, _ = known.whole.best_about(place, guess, *windows[k])
         reports[k] = pose, known.whole.judge(place, pose)
     return reports
 

@@ -79,15 +79,14 @@ class SessionPlaces:
         """The nodes of those places that are looked for: about every whole submap."""
         return self._apart(self.spots, 2.0)
 
-    def window(self, spot: int, about: Array) -> tuple[float, float]:
-        """Metres and radians by which a place may be off, as seen from a pose (3,)."""
+    def windows(self, about: Array) -> dict[int, tuple[float, float]]:
+        """Metres and radians by which each of the places may be off, as seen from a pose (3,)."""
         off = self.nodes.poses[self.rows, :2] - about[:2]
-        nearest = int(self.rows[np.argmin(np.hypot(off[:, 0], off[:, 1]))])
-        metres, radians = self.nodes.drift.reach(nearest, spot)
-        return (
-            min(SETTLED[0] + float(metres), SLACK[0]),
-            min(SETTLED[1] + float(radians), SLACK[1]),
-        )
+        nearest = self.rows[np.argmin(np.hypot(off[:, 0], off[:, 1]))]
+        spots = np.array(list(self.places), np.int64)
+        drift = self.nodes.drift.reach(np.full(len(spots), nearest), spots)
+        metres, radians = np.minimum(SETTLED + drift, SLACK).T.tolist()
+        return dict(zip(self.places, zip(metres, radians, strict=True), strict=True))
 
     def _apart(self, among: list[int], size: float) -> list[int]:
         """Those of these nodes that lie so many halves of a submap from all chosen before."""

@@ -13,7 +13,7 @@ from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation.known_images import KnownImages
-from mapmyworld.places.laser_nodes import held_by, load_node_scans, nodes_at
+from mapmyworld.places.laser_nodes import load_node_scans, nodes_at
 from mapmyworld.places.session_closures import closures_between
 from mapmyworld.places.session_joining import find_joints, locate_session
 from mapmyworld.places.session_places import SessionPlaces
@@ -102,8 +102,8 @@ def has_laser(session_map: SessionMap) -> bool:
 def session_places(session_map: SessionMap, config: Config) -> SessionPlaces:
     """What a session's laser saw, at its final poses."""
     store = session_map.store
-    nodes = nodes_at(load_node_scans(store, config), store.poses())
-    return SessionPlaces(held_by(nodes, store.constraints()), np.arange(len(nodes.ids)), config)
+    nodes = nodes_at(load_node_scans(store, config), store.poses(), None, store.constraints())
+    return SessionPlaces(nodes, np.arange(len(nodes.ids)), config)
 
 
 def tie_sessions(
@@ -120,7 +120,12 @@ def tie_sessions(
     ids = np.array([p.new_id(node.id) for p in placed for node in p.session_map.nodes], np.int64)
     solved = np.concatenate([p.common_from_session_map @ p.session_map.solved for p in placed])
     number = np.repeat(np.arange(len(placed)), [len(p.session_map.nodes) for p in placed])
-    nodes = nodes_at(loaded, Poses(ids, solved))
+    stated = [
+        replace(c, from_id=p.new_id(c.from_id), to_id=p.new_id(c.to_id))
+        for p in placed
+        for c in p.session_map.store.constraints()
+    ]
+    nodes = nodes_at(loaded, Poses(ids, solved), None, stated)
     nodes = replace(nodes, session=number[np.searchsorted(ids, nodes.ids)])
     maps = [
         SessionPlaces(nodes, np.flatnonzero(nodes.session == k), config) for k in range(len(placed))

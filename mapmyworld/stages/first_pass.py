@@ -67,7 +67,7 @@ def _with_beam_times(
 ) -> Plan:  # fmt: skip
     """The plan with how fast its laser sweeps, where turns show it, and what was found of that."""
     from mapmyworld.odometry.beam_times import beam_times, turning_moments
-    from mapmyworld.places.path_drift import SIGMAS
+    from mapmyworld.places.node_drift import SIGMAS
 
     moments, watch = turning_moments(motion), stage_of_log("calibrate", log, progress)
     nearest = scans_near(log, plan, moments.ravel(), config.sensing, watch)

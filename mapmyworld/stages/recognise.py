@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,7 +53,7 @@ def recognise(
         store.add_constraints(find_markers(store, config, progress))
     loaded, found = scans(), []
     if loaded is not None:
-        from mapmyworld.places.laser_nodes import held_by, joined_sessions, nodes_at
+        from mapmyworld.places.laser_nodes import joined_sessions, nodes_at
         from mapmyworld.places.laser_sections import closures_by_section
         from mapmyworld.places.session_closures import Pair, session_closures
 
@@ -64,7 +65,8 @@ def recognise(
         losses = [c for c in stored if c.is_tracking_loss]
         while joined_sessions(loaded, found).any():
             draft = solve_draft_of(store, config, [*stored, *found])
-            nodes = held_by(nodes_at(loaded, draft.poses, None, draft.constraints), found)
+            nodes = nodes_at(loaded, draft.poses, None, draft.constraints)
+            nodes = replace(nodes, session=joined_sessions(loaded, found))
             joining = session_closures(nodes, losses, config, progress, apart)
             if not joining:
                 break

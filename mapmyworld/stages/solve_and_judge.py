@@ -206,10 +206,10 @@ def _misplaced(store: MapStore, scans: LoadScans) -> list[str]:
     loaded = scans()
     if loaded is None or not moves_in_plane(store):
         return []
-    from mapmyworld.places.laser_nodes import held_by, nodes_at
+    from mapmyworld.places.laser_nodes import nodes_at
     from mapmyworld.places.misplaced import misplaced_places
 
-    found = misplaced_places(held_by(nodes_at(loaded, store.poses()), store.constraints()))
+    found = misplaced_places(nodes_at(loaded, store.poses(), None, store.constraints()))
     loaded.scans.let_go()
     if not found.fell_apart:
         return []

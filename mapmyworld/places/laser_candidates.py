@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from mapmyworld.config import Config
 from mapmyworld.geometry import Index
 from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
+from mapmyworld.parallel import batches
 from mapmyworld.places.laser_nodes import LaserNodes, calm_spots
 from mapmyworld.registration.submaps import MARGIN
 from mapmyworld.types import Judged, ScanMatch, Why
@@ -27,6 +28,7 @@ SLACK = 1.0, 0.2
 """Metres and radians by which solved poses may be off in any case."""
 NEAR = 3.0
 """Metres between two places that see the same."""
+_TOGETHER = 64  # places whose drift from all earlier ones is held at once
 
 
 def candidate_pairs(nodes: LaserNodes, config: Config, *, optimised: bool, first: int = 0) -> Pairs:
@@ -68,12 +70,17 @@ def lost_pairs(nodes: LaserNodes, config: Config) -> list[tuple[int, int]]:
     size = config.places.laser_submap
     earlier = calm_spots(nodes, size)
     pairs: list[tuple[int, int]] = []
-    for later in calm_spots(nodes, 2.0 * size).tolist():
-        near = earlier[(earlier < later) & (nodes.session[earlier] == nodes.session[later])]
-        drift = nodes.drift.reach(near, np.full(len(near), later))[:, 0]
-        apart = np.hypot(*(nodes.poses[near, :2] - nodes.poses[later, :2]).T)
-        worth = near[(drift > NEAR) & (apart < size + drift)]
-        pairs += [(int(k), later) for k in worth[:: max(math.ceil(len(worth) / MOST), 1)]]
+    for some in batches(calm_spots(nodes, 2.0 * size).tolist(), _TOGETHER):
+        tails, heads = (ends.ravel() for ends in np.meshgrid(earlier, some))
+        ahead = (tails < heads) & (nodes.session[tails] == nodes.session[heads])
+        tails, heads = tails[ahead], heads[ahead]
+        drift = nodes.drift.reach(tails, heads)[:, 0]
+        apart = np.hypot(*(nodes.poses[tails, :2] - nodes.poses[heads, :2]).T)
+        worth = (drift > NEAR) & (apart < size + drift)
+        tails, heads = tails[worth], heads[worth]
+        for later in np.unique(heads).tolist():
+            near = tails[heads == later]
+            pairs += [(int(k), later) for k in near[:: math.ceil(len(near) / MOST)]]
     return pairs
 
 

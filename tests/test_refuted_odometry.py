@@ -181,7 +181,7 @@ def test_the_path_is_lost_where_two_poses_are_as_likely() -> None:
     assert judged[-1].is_tracking_loss
     assert not judged[-1].is_relocalised
     sigmas = np.sqrt(np.linalg.inv(information_to_planar(judged[-1].information)).diagonal())
-    assert sigmas == pytest.approx([5.0, 5.0, 1.5], rel=1e-3)
+    assert sigmas == pytest.approx(FAULT_SIZE, rel=1e-3)
 
 
 def test_a_build_places_a_robot_that_was_carried_by_the_scans_that_follow() -> None:

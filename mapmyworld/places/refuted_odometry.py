@@ -24,7 +24,6 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.odometry.pose_hypotheses import FAULT, FAULT_SIZE
-from mapmyworld.odometry.tracking_losses import UNKNOWN
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.doubted_odometry import in_doubt, measured_anew
 from mapmyworld.places.laser_closures import closure_information
@@ -89,7 +88,7 @@ def refuted_odometry(
         if match is None:
             start = section.last
             lost = LaserTracking("lost", 0.0, lost=True)
-            anew.append(measured_anew(first, first.i_from_j, np.diag(UNKNOWN), lost))
+            anew.append(measured_anew(first, first.i_from_j, np.diag(np.square(FAULT_SIZE)), lost))
             continue
         begins = int(nodes.ids.searchsorted(first.to_id))
         onward = between_planar(poses[begins], poses[section.last])

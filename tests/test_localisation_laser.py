@@ -124,15 +124,24 @@ def test_where_motions_led_on_another_place_takes_the_odds_of_a_fault(
     there = whole.find(view)
     assert there is not None
     odds = whole.judge(view, there).log_odds
-    monkeypatch.setattr(type(whole), "needed_odds", lambda *_: odds - 0.5 * FAULT_ODDS)
 
-    def found(reckoned: Array | None) -> Discovery | None:
+    def found(reckoned: Array | None, share: float, then: Array) -> list[Discovery | None]:
+        """Here, and by the scan that is taken half a metre on at the pose `then` (3,)."""
+        monkeypatch.setattr(type(whole), "needed_odds", lambda *_: odds - share * FAULT_ODDS)
         seeker = GlobalLocalisation(place, Config())
         seeker.begin(moment, reckoned)
-        return seeker.look(moment)
+        first, step = seeker.look(moment), between_planar(pose, DRIVEN[56])
+        seeker.follow(onward := moment_at(then, DRIVEN[56], step, 1))
+        return [first, seeker.look(onward)]
 
-    assert found(None) is not None
-    assert found(np.array([-3.0, 0.0, 1.5])) is None
+    assert found(None, 0.5, DRIVEN[56])[0] is not None
+    elsewhere = np.array([-3.0, 0.0, 1.5])
+    assert found(elsewhere, 0.5, DRIVEN[56]) == [None, None]
+    first, second = found(elsewhere, 2.0, DRIVEN[56])
+    assert first is None  # a room that the map lacks may look like this one
+    assert second is not None
+    assert not second.supported
+    assert found(elsewhere, 2.0, DRIVEN[200]) == [None, None]
 
 
 def test_a_recognition_that_was_none_leaves_the_pose_as_it_was_reckoned(place: KnownPlace) -> None:

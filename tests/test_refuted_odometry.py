@@ -69,6 +69,15 @@ def corridor() -> Array:
     return np.array(walls)
 
 
+def equal_pillars(apart: float) -> Array:
+    """(N, 4) walls 2.4 m apart, with pillars on both sides at equal distances."""
+    walls = [[-12.0, -0.2, 40.0, -0.2], [-12.0, 2.2, 40.0, 2.2]]
+    for x in np.arange(-12.0, 40.0, apart).tolist():
+        for wall, edge in ((-0.2, 0.2), (2.2, 1.8)):
+            walls += [[x, wall, x, edge], [x, edge, x + 0.4, edge], [x + 0.4, edge, x + 0.4, wall]]
+    return np.array(walls)
+
+
 def carried(there: Array, turn: float) -> tuple[Array, Array]:
     """(N, 3) twice: the path of who was carried to the path `there`, and as wheels report it."""
     believed = compose_planar(
@@ -125,6 +134,22 @@ def test_odometry_is_in_doubt_where_little_speaks_for_another_pose() -> None:
     np.testing.assert_array_equal(anew.i_from_j, doubted.i_from_j)
     sigmas = np.sqrt(np.linalg.inv(information_to_planar(anew.information)).diagonal())
     assert sigmas == pytest.approx(FAULT_SIZE, rel=1e-3)
+
+
+@pytest.mark.parametrize(("apart", "begin"), [(1.2, 1.0), (1.5, 0.0), (2.2, 1.0)])
+def test_sound_odometry_is_kept_in_a_corridor_where_pillars_stand_at_equal_distances(
+    apart: float, begin: float
+) -> None:
+    """One pillar farther back more of the place was seen before; where it is it fits as well."""
+    onward = np.stack([np.linspace(begin, begin + 5.0, 51), np.ones(51), np.zeros(51)], axis=-1)
+    truth = np.concatenate([LEFT, onward])
+    nodes, constraints = driven(truth, truth, equal_pillars(apart))
+    constraints[20] = replace(constraints[20], source=LaserTracking("odometry only", 0.0))
+    sound = [
+        c if k == 20 else replace(c, source=LaserTracking("matched", 0.9))
+        for k, c in enumerate(constraints)
+    ]
+    assert refuted_odometry(nodes, sound, CONFIG) == sound
 
 
 @pytest.mark.parametrize(("off", "is_confirmed"), [(0.1, True), (1.5, False)])

@@ -119,7 +119,7 @@ class RelativeCovariances:
         return RelativeCovariances(system, poses, information_of(system, poses))
 
     def between(self, tails: Index, heads: Index) -> Array:
-        """(P, d, d) covariance of the motions between pairs (P,), in the second node's frame."""
+        """(P, d, d) covariance of motions from nodes `tails` (P,) to `heads` (P,), in their frame."""
         system, poses = self.system, self.poses
         step = between_planar if system.planar else between
         exact = np.tile(np.eye(system.dimension), (len(tails), 1, 1))

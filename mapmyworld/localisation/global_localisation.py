@@ -18,7 +18,7 @@ from mapmyworld.places.node_drift import SIGMAS
 from mapmyworld.places.refuted_odometry import FAULT_ODDS
 from mapmyworld.registration.place_evidence import Agreement, Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, Match, scan_set
-from mapmyworld.registration.scan_search import APART
+from mapmyworld.registration.scan_search import APART, are_one
 from mapmyworld.registration.submaps import MARGIN, NATS, Submap
 
 
@@ -43,6 +43,7 @@ class GlobalLocalisation:
         self._covariance = np.zeros((3, 3))  # of the reckoned pose, in the robot's frame
         self._last_match: Array | None = None
         self._since_match = np.zeros(3)
+        self._last_seen: tuple[Array, Array] | None = None  # elsewhere, and as tracked
 
     def follow(self, moment: Moment) -> None:
         """One more moment, whether the place is known or not."""
@@ -68,7 +69,7 @@ class GlobalLocalisation:
         if reckoned is not None or moment.shaken:
             self._recent.forget()
             self._recent.add(moment)
-        self._is_due, self._tries, self._last_match = True, 0, None
+        self._is_due, self._tries, self._last_match, self._last_seen = True, 0, None, None
 
     def add_match(self, moment: Moment, pose: Array) -> Discovery | None:
         """A pose (3,) by an image, where the scan and another image bear it out."""
@@ -87,7 +88,7 @@ class GlobalLocalisation:
         self._is_due, self._tries = False, self._tries + 1
         place = self._recent.place(moment)
         near = self._near_reckoned(place)
-        pose = self._anywhere(place) if near is None else near
+        pose = self._elsewhere(place, moment) if near is None else near
         return None if pose is None else self._discovery(moment, pose, supported=near is not None)
 
     @property
@@ -112,6 +113,22 @@ class GlobalLocalisation:
         pose, _ = self._place.whole.best_about(place, self._reckoned, *window)
         said = self._place.whole.judge(place, pose)
         return pose if said.log_odds >= NATS * needed_evidence(*window) else None
+
+    def _elsewhere(self, place: Place, moment: Moment) -> Array | None:
+        """The one pose that explains the place, where motions that led on do not lead.
+
+        Then two places in a row have to show it: a room that the map lacks may look like another.
+        """
+        found = self._anywhere(place)
+        before, self._last_seen = self._last_seen, None
+        if found is None or self._reckoned is None:
+            return found
+        self._last_seen = found, moment.tracked
+        if before is None:
+            return None
+        there, tracked = before
+        expected = compose_planar(there, between_planar(tracked, moment.tracked))
+        return found if are_one(expected, found, APART) else None
 
     def _anywhere(self, place: Place) -> Array | None:
         """The one pose at which the map explains the place; None where that is open.

@@ -39,9 +39,9 @@ class NodeDrift:
         return replace(self, faults=True)
 
     def covariances(self, tails: Index, heads: Index) -> Array:
-        """(P, 3, 3) of where the second nodes of pairs lie, seen from the first ones.
+        """(P, 3, 3) of where nodes `heads` (P,) lie, seen from nodes `tails` (P,).
 
-        Each of a perturbation in the second node's own frame. What no constraint connects may lie
+        Each of a perturbation in the head's own frame. What no constraint connects may lie
         anywhere.
         """
         found = np.where((tails == heads)[:, None, None], 0.0, np.diag(ANYWHERE))
@@ -52,7 +52,7 @@ class NodeDrift:
         return found
 
     def reach(self, tails: Index, heads: Index) -> Array:
-        """(P, 2) metres and radians by which second nodes may lie off, seen from first ones."""
+        """(P, 2) metres and radians by which nodes `heads` (P,) may lie off, seen from `tails` (P,)."""
         found = self.covariances(tails, heads)
         metres = np.linalg.eigvalsh(found[:, :2, :2])[:, -1]
         return SIGMAS * np.sqrt(np.stack([metres, found[:, 2, 2]], axis=1))

@@ -145,12 +145,14 @@ def _refutation(
     a, b = section.first, section.last
     known, place = map_of_scans(submap_of(nodes, before, a)), Place.of(submap_of(nodes, after, b))
     odometry = between_planar(nodes.poses[a], nodes.poses[b])
-    there = _Candidate(known.best_about(place, odometry, *_window(section))[1], 0.0, odometry)
+    agreement = known.best_about(place, odometry, *_window(section))[1]
+    there = _Candidate(agreement, 0.0, odometry)
     tried = _candidates(known, place, odometry, config.threads)
     if not tried:
         return None
     best = tried[0]
-    if best.log_odds <= max(there.log_odds, 0.0) + FAULT_ODDS + NATS * needed_evidence(*_WINDOW):
+    needed = max(agreement.known_odds, 0.0) + FAULT_ODDS + NATS * needed_evidence(*_WINDOW)
+    if best.log_odds <= needed:
         likelier = [one for one in tried if one.beyond(there) >= MARGIN]
         return (likelier[0].verdict(Why.DOUBTED, odometry), None) if likelier else None
     verdict = best.verdict(Why.REFUTED, odometry)

@@ -94,8 +94,11 @@ class Agreement:
         Zero where the place lies mostly outside of what the other map saw, or shares one wall with
         it: along a wall anything fits.
         """
-        if self.known < _KNOWN or self.is_one_wall:
-            return 0.0
+        return 0.0 if self.known < _KNOWN or self.is_one_wall else self.known_odds
+
+    @property
+    def known_odds(self) -> float:
+        """The same of what is known of it, however little that is."""
         return _log_odds(self.forth, _FORTH_RATES) + _log_odds(self.back, _BACK_RATES)
 
     def beyond(self, second_best: Agreement) -> float:

@@ -119,7 +119,10 @@ class RelativeCovariances:
         return RelativeCovariances(system, poses, information_of(system, poses))
 
     def between(self, tails: Index, heads: Index) -> Array:
-        """(P, d, d) covariance of motions from nodes `tails` (P,) to `heads` (P,), in their frame."""
+        """(P, d, d) covariance of motions from nodes `tails` (P,) to nodes `heads` (P,).
+
+        In the frames of the heads.
+        """
         system, poses = self.system, self.poses
         step = between_planar if system.planar else between
         exact = np.tile(np.eye(system.dimension), (len(tails), 1, 1))

@@ -52,7 +52,7 @@ class NodeDrift:
         return found
 
     def reach(self, tails: Index, heads: Index) -> Array:
-        """(P, 2) metres and radians by which nodes `heads` (P,) may lie off, seen from `tails` (P,)."""
+        """(P, 2) m and rad by which nodes `heads` (P,) may lie off, seen from `tails` (P,)."""
         found = self.covariances(tails, heads)
         metres = np.linalg.eigvalsh(found[:, :2, :2])[:, -1]
         return SIGMAS * np.sqrt(np.stack([metres, found[:, 2, 2]], axis=1))

@@ -68,19 +68,25 @@ def lost_pairs(nodes: LaserNodes, config: Config) -> list[tuple[int, int]]:
     so every place within reach of the drift is compared, or of many some all over that reach.
     """
     size = config.places.laser_submap
-    earlier = calm_spots(nodes, size)
+    earlier, later = calm_spots(nodes, size), calm_spots(nodes, 2.0 * size)
+    every = np.union1d(earlier, later)
+    metres, radians = nodes.drift.reach(np.zeros_like(every), every).T
     pairs: list[tuple[int, int]] = []
-    for some in batches(calm_spots(nodes, 2.0 * size).tolist(), _TOGETHER):
+    for some in batches(later.tolist(), _TOGETHER):
         tails, heads = (ends.ravel() for ends in np.meshgrid(earlier, some))
-        ahead = (tails < heads) & (nodes.session[tails] == nodes.session[heads])
-        tails, heads = tails[ahead], heads[ahead]
-        drift = nodes.drift.reach(tails, heads)[:, 0]
         apart = np.hypot(*(nodes.poses[tails, :2] - nodes.poses[heads, :2]).T)
+        # Each may lie off from the first node, and the one's heading swings the other: no farther.
+        a, b = np.searchsorted(every, tails), np.searchsorted(every, heads)
+        most = metres[a] + metres[b] + radians[a] * apart
+        asked = (most > NEAR) & (apart < size + most) & (tails < heads)
+        asked &= nodes.session[tails] == nodes.session[heads]
+        tails, heads, apart = tails[asked], heads[asked], apart[asked]
+        drift = nodes.drift.reach(tails, heads)[:, 0]
         worth = (drift > NEAR) & (apart < size + drift)
         tails, heads = tails[worth], heads[worth]
-        for later in np.unique(heads).tolist():
-            near = tails[heads == later]
-            pairs += [(int(k), later) for k in near[:: math.ceil(len(near) / MOST)]]
+        for head in np.unique(heads).tolist():
+            near = tails[heads == head]
+            pairs += [(int(k), head) for k in near[:: math.ceil(len(near) / MOST)]]
     return pairs
 
 

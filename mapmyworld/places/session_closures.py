@@ -99,7 +99,7 @@ def closures_between(
     known = information_from_planar(np.diag(np.square(SIGMAS / np.array([SLACK[0], *SLACK]))))
     (a, b), pose = nodes.ids[list(pairs[k])].tolist(), planar_to_matrix(steps[k])
     joint = Judged(a, b, ConstraintKind.LOOP_CLOSURE, pose, known)
-    drift = replace(nodes.drift, stated=(*nodes.drift.stated, joint))
+    drift = replace(nodes.drift, poses=nodes.poses, stated=(*nodes.drift.stated, joint))
     return compare_places(replace(nodes, drift=drift), pairs, config)
 
 

@@ -53,10 +53,10 @@ def candidate_pairs(nodes: LaserNodes, config: Config, *, optimised: bool, first
     drift = 0.0 if optimised else nodes.drift.reach(tails, heads)[:, 0]
     within = apart < NEAR + np.minimum(drift, FIRST_WINDOW)
     near, heads, apart = near[within], heads[within], apart[within]
-    pairs: Pairs = []
+    pairs, most = Pairs(), places.laser_revisits
     for head in np.unique(heads).tolist():
         mine = heads == head
-        best = _nearest_of_revisits(near[mine], apart[mine], places.laser_revisits)
+        best = _nearest_of_revisits(near[mine], apart[mine], most)
         pairs += [(int(spots[k]), head) for k in best]
     return pairs
 

@@ -87,7 +87,7 @@ def find_laser_closures(
             break
         wide = nodes_at(loaded, poses, None, [*tied, *found])
         if may_be_fault:
-            wide = replace(wide, drift=wide.drift.with_faults())
+            wide = replace(wide, drift=replace(wide.drift, faults=True))
         known |= {(c.from_id, c.to_id) for c in found}
         lost = untried(lost_pairs(wide, config))
         progress.stage("loop closures by laser", len(lost), "pairs")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -33,10 +33,6 @@ class NodeDrift:
     """The accepted constraints."""
     faults: bool = False
     """Whether odometry in doubt may be a fault; else it counts as it was measured."""
-
-    def with_faults(self) -> NodeDrift:
-        """The same, where odometry in doubt may be a fault."""
-        return replace(self, faults=True)
 
     def covariances(self, tails: Index, heads: Index) -> Array:
         """(P, 3, 3) of where nodes `heads` (P,) lie, seen from nodes `tails` (P,).

@@ -63,10 +63,10 @@ def recognise(
         # as its closures hold it, and those that are joined are one.
         stored, apart = store.constraints(), set[Pair]()
         losses = [c for c in stored if c.is_tracking_loss]
-        while joined_sessions(loaded, found).any():
+        while (session := joined_sessions(loaded, found)).any():
             draft = solve_draft_of(store, config, [*stored, *found])
             nodes = nodes_at(loaded, draft.poses, None, draft.constraints)
-            nodes = replace(nodes, session=joined_sessions(loaded, found))
+            nodes = replace(nodes, session=session)
             joining = session_closures(nodes, losses, config, progress, apart)
             if not joining:
                 break

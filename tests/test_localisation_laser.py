@@ -144,6 +144,23 @@ def test_where_motions_led_on_another_place_takes_the_odds_of_a_fault(
     assert found(elsewhere, 2.0, DRIVEN[200]) == [None, None]
 
 
+def test_two_images_agree_by_the_motion_between_them_and_not_by_that_before(
+    place: KnownPlace,
+) -> None:
+    seeker, poses = GlobalLocalisation(place, Config()), DRIVEN[20:61:20]
+    moments = [
+        moment_at(pose, pose, between_planar(before, pose), k)
+        for k, (before, pose) in enumerate(zip([poses[0], *poses], poses, strict=False))
+    ]
+    for moment in moments[:2]:
+        seeker.follow(moment)
+    assert seeker.add_match(moments[1], poses[1]) is None
+    seeker.follow(moments[2])
+    assert seeker.add_match(moments[2], poses[2]) is not None
+    assert seeker.add_match(moments[1], poses[1]) is not None  # the way back
+    assert seeker.add_match(moments[1], DRIVEN[200]) is None
+
+
 def test_a_recognition_that_was_none_leaves_the_pose_as_it_was_reckoned(place: KnownPlace) -> None:
     """Given up unconfirmed, the robot is looked for again where motions led it before."""
     pose = DRIVEN[45]

@@ -21,6 +21,17 @@ from mapmyworld.registration.scan_matching import COARSE, Match, scan_set
 from mapmyworld.registration.scan_search import APART, are_one
 from mapmyworld.registration.submaps import MARGIN, NATS, Submap
 
+Sighting = tuple[Array, Array]
+"""A pose (3,) in the map, and the one (3,) that was tracked there."""
+
+
+def _agree(before: Sighting | None, now: Sighting | None) -> bool:
+    """Whether the motion since one sighting leads to the other one."""
+    if before is None or now is None:
+        return False
+    moved = between_planar(before[1], now[1])
+    return are_one(compose_planar(before[0], moved), now[0], APART)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Discovery:
@@ -41,9 +52,8 @@ class GlobalLocalisation:
         self._is_due, self._tries = True, 0
         self._reckoned: Array | None = None
         self._covariance = np.zeros((3, 3))  # of the reckoned pose, in the robot's frame
-        self._last_match: Array | None = None
-        self._since_match = np.zeros(3)
-        self._last_seen: tuple[Array, Array] | None = None  # elsewhere, and as tracked
+        self._by_image: Sighting | None = None
+        self._by_scans: Sighting | None = None
 
     def follow(self, moment: Moment) -> None:
         """One more moment, whether the place is known or not."""
@@ -51,7 +61,6 @@ class GlobalLocalisation:
             self._recent.forget()
             self._reckoned = None
         self._is_due |= self._recent.add(moment)
-        self._since_match = compose_planar(self._since_match, moment.step)
         if self._reckoned is not None:
             self._reckoned, self._covariance = moment.moved(self._reckoned, self._covariance)
 
@@ -69,17 +78,15 @@ class GlobalLocalisation:
         if reckoned is not None or moment.shaken:
             self._recent.forget()
             self._recent.add(moment)
-        self._is_due, self._tries, self._last_match, self._last_seen = True, 0, None, None
+        self._is_due, self._tries, self._by_image, self._by_scans = True, 0, None, None
 
     def add_match(self, moment: Moment, pose: Array) -> Discovery | None:
         """A pose (3,) by an image, where the scan and another image bear it out."""
         found = self._discovery(moment, pose, supported=False)
-        before, self._last_match = self._last_match, None if found is None else found.match.pose
-        if found is None or before is None:
-            return None
-        apart = between_planar(compose_planar(before, self._since_match), found.match.pose)
-        self._since_match = np.zeros(3)
-        return found if np.hypot(apart[0], apart[1]) < APART[0] else None
+        before, self._by_image = self._by_image, None
+        if found is not None:
+            self._by_image = found.match.pose, moment.tracked
+        return found if _agree(before, self._by_image) else None
 
     def look(self, moment: Moment) -> Discovery | None:
         """What one more moment shows, where it is time to try again."""
@@ -120,15 +127,11 @@ class GlobalLocalisation:
         Then two places in a row have to show it: a room that the map lacks may look like another.
         """
         found = self._anywhere(place)
-        before, self._last_seen = self._last_seen, None
+        before, self._by_scans = self._by_scans, None
         if found is None or self._reckoned is None:
             return found
-        self._last_seen = found, moment.tracked
-        if before is None:
-            return None
-        there, tracked = before
-        expected = compose_planar(there, between_planar(tracked, moment.tracked))
-        return found if are_one(expected, found, APART) else None
+        self._by_scans = found, moment.tracked
+        return found if _agree(before, self._by_scans) else None
 
     def _anywhere(self, place: Place) -> Array | None:
         """The one pose at which the map explains the place; None where that is open.

@@ -15,6 +15,7 @@ from cli.interrupts import Interrupted, forget_interrupts, heed_interrupts, is_i
 from cli.lazy import LazyGroup
 from cli.standard_streams import mend_streams
 from mapmyworld.errors import MapMyWorldError
+from mapmyworld.heap import share_one_heap
 
 # Command -> (module:attribute, one line for the list of commands).
 COMMANDS = {
@@ -60,6 +61,7 @@ def group() -> None:
 def main() -> None:
     """Runs a command; every error of ours becomes one message on stderr and an exit code."""
     mend_streams()
+    share_one_heap()
     heed_interrupts()
     try:
         _run()

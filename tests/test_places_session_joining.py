@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from laser_rooms import WALLS, cast
@@ -73,6 +75,21 @@ def _motions(poses: Array, lost: NDArray[np.bool_]) -> list[Judged]:
     ]
 
 
+def with_loss(nodes: LaserNodes, variances: Array) -> LaserNodes:
+    """The same, and how the one session leads to the other, with such variances (3,)."""
+    ends = np.flatnonzero(np.diff(nodes.session))[0] + [0, 1]
+    motion = planar_to_matrix(between_planar(*nodes.poses[ends]))
+    known = information_from_planar(np.diag(1.0 / variances))
+    loss = Judged(*nodes.ids[ends].tolist(), ConstraintKind.NEIGHBOUR, motion, known)
+    return replace(nodes, drift=replace(nodes.drift, stated=(*nodes.drift.stated, loss)))
+
+
+def after_loss(nodes: LaserNodes, variances: Array) -> LossPrior:
+    """Of the second session, by a loss of such variances (3,)."""
+    earlier, later = (np.flatnonzero(nodes.session == k) for k in (0, 1))
+    return LossPrior(with_loss(nodes, variances).drift, earlier, later, int(later[0]), 4.0)
+
+
 def located(walls: Array, *paths: Array, prior: LossPrior | None = None) -> Array | None:
     """Where the second session lies in the first (3,), each in a frame of its own."""
     nodes, _ = carried(walls, *paths)
@@ -117,9 +134,8 @@ def test_the_two_ends_of_a_bare_hall_may_be_one() -> None:
 def test_half_a_turn_is_none_where_the_loss_was_too_short_for_it() -> None:
     """Of two poses that look alike one lies 6 m and half a turn from where the path ended."""
     nodes, _ = carried(HALL, AND_BACK, STRAIGHT)
-    begins = nodes.poses[len(AND_BACK)]
     for sigma, is_found in ((5.0, False), (0.5, True)):
-        prior = LossPrior(begins, np.array([4.0, 4.0, sigma**2]), 4.0)
+        prior = after_loss(nodes, np.array([4.0, 4.0, sigma**2]))
         move = located(HALL, AND_BACK, STRAIGHT, prior=prior)
         assert (move is not None) == is_found
         if move is not None:
@@ -130,7 +146,7 @@ def test_a_pose_that_the_loss_rules_out_hides_none_that_it_allows() -> None:
     """Half a turn away the place fits as well, in a corner of the window but too far off."""
     later = STRAIGHT[:31] + np.array([0.8, -2.5, 0.0])
     nodes, _ = carried(HALL, AND_BACK, later)
-    prior = LossPrior(nodes.poses[len(AND_BACK)], np.array([1.4, 1.4, 25.0]), 4.0)
+    prior = after_loss(nodes, np.array([1.4, 1.4, 25.0]))
     move = located(HALL, AND_BACK, later, prior=prior)
     assert move is not None
     assert (miss(move, HALL, AND_BACK, later) < [0.1, 0.02]).all()
@@ -149,8 +165,8 @@ def test_rooms_that_differ_are_joined_in_any_heading(turn: float) -> None:
     later = STRAIGHT.copy()
     later[:, 2] += turn
     nodes, _ = carried(WALLS, STRAIGHT, later)
-    loss = Judged(41, 42, ConstraintKind.NEIGHBOUR, np.eye(4), np.eye(6) / 25.0)
-    accepted = [c for c in session_closures(nodes, [loss], CONFIG, Silent(), set()) if c.accepted]
+    nodes = with_loss(nodes, np.full(3, 25.0))
+    accepted = [c for c in session_closures(nodes, CONFIG, Silent(), set()) if c.accepted]
     assert accepted
     truth = np.concatenate([STRAIGHT, later])
     for c in accepted:

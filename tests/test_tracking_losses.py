@@ -278,8 +278,7 @@ def test_a_robot_carried_off_begins_a_session_that_is_joined_and_no_drift_window
     assert np.unique(nodes.session).tolist() == [0, 1]
     assert candidate_pairs(nodes, CONFIG, optimised=False) == []
     assert candidate_pairs(nodes, CONFIG, optimised=True) == []
-    loss = neighbour(42, np.array([5.0, 5.0, 1.5]), lost=True)
-    found = [c for c in session_closures(nodes, [loss], CONFIG, Silent(), set()) if c.accepted]
+    found = [c for c in session_closures(nodes, CONFIG, Silent(), set()) if c.accepted]
     assert found
     for c in found:
         apart = between_planar(LEFT[c.from_id - 1], LEFT[c.to_id - 42])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,6 @@ from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
     information_from_planar,
-    information_to_planar,
     planar_to_matrix,
 )
 from mapmyworld.places.laser_candidates import NEAR, SLACK
@@ -21,25 +19,22 @@ from mapmyworld.places.laser_nodes import LaserNodes
 from mapmyworld.places.node_drift import SIGMAS
 from mapmyworld.places.session_joining import LossPrior, locate_session
 from mapmyworld.places.session_places import SessionPlaces
-from mapmyworld.types import Constraint, ConstraintKind, Judged, Progress
+from mapmyworld.types import ConstraintKind, Judged, Progress
 
 Pair = tuple[int, int, int, int]
 """First row and number of nodes of an earlier session, and of a later one."""
 
 
 def session_closures(
-    nodes: LaserNodes,
-    losses: Sequence[Constraint],
-    config: Config,
-    progress: Progress,
-    apart: set[Pair],
+    nodes: LaserNodes, config: Config, progress: Progress, apart: set[Pair]
 ) -> list[Judged]:
     """Closures between two sessions of these nodes, the first two that are recognised.
 
-    `losses` of tracking divide them; `apart` are pairs that are known not to join, and learns more.
+    Losses of tracking divide them; `apart` are pairs that are known not to join, and learns more.
     """
     numbers = np.unique(nodes.session)
     maps = [SessionPlaces(nodes, np.flatnonzero(nodes.session == n), config) for n in numbers]
+    drift, limit = replace(nodes.drift, faults=True), config.odometry.contradiction
     progress.stage("join sessions", len(maps), "sessions")
     for k, later in enumerate(maps):
         progress.update(k)
@@ -47,7 +42,9 @@ def session_closures(
             pair = _pair(earlier, later)
             if pair in apart:
                 continue
-            found = _joined(earlier, later, _prior(earlier, later, losses), config)
+            begins = int(later.rows[later.rows > earlier.rows[0]][0])
+            prior = LossPrior(drift, earlier.rows, later.rows, begins, limit)
+            found = _joined(earlier, later, prior, config)
             if any(c.accepted for c in found):
                 return found
             apart.add(pair)
@@ -57,18 +54,6 @@ def session_closures(
 def _pair(earlier: SessionPlaces, later: SessionPlaces) -> Pair:
     a, b = earlier.rows, later.rows
     return int(a[0]), len(a), int(b[0]), len(b)
-
-
-def _prior(earlier: SessionPlaces, later: SessionPlaces, losses: Sequence[Constraint]) -> LossPrior:
-    """From the losses between where the one ends and the other begins."""
-    ids, rows = later.nodes.ids, later.rows
-    begins = int(rows[rows > earlier.rows[0]][0])
-    before = int(earlier.rows[earlier.rows < begins][-1])
-    between = [c for c in losses if ids[before] < c.to_id <= ids[begins]]
-    planar = information_to_planar(np.stack([c.information for c in between]))
-    variances = np.linalg.inv(planar)[:, (0, 1, 2), (0, 1, 2)].sum(axis=0)
-    limit = later.config.odometry.contradiction
-    return LossPrior(later.nodes.poses[begins], variances, limit)
 
 
 def _joined(

@@ -16,12 +16,13 @@ from itertools import chain
 import numpy as np
 
 from mapmyworld.decisions import decided
-from mapmyworld.geometry import Array
+from mapmyworld.geometry import Array, Index
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
     invert_planar,
 )
+from mapmyworld.places.node_drift import NodeDrift
 from mapmyworld.places.session_places import SessionPlaces, some_changed
 from mapmyworld.registration.place_evidence import Agreement
 from mapmyworld.registration.scan_search import ANOTHER, are_one
@@ -79,25 +80,50 @@ def _log_odds(places: Iterable[Agreement]) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LossPrior:
-    """How the path across losses of tracking, in the nodes' poses, lies to where it truly went."""
+    """What the path across losses of tracking shows of how a later session lies to an earlier one.
 
-    pose: Array
-    """(3,) of the later session's first node, in the frame that both sessions' poses are in."""
-    variances: Array
-    """(3,) m^2, m^2, rad^2."""
+    At the later one's first node after a loss, about which it may be turned by any angle: from
+    there to a place each session adds what it drifted.
+    """
+
+    drift: NodeDrift
+    earlier: Index
+    """(R,) rows of the earlier session's nodes."""
+    later: Index
+    """(K,) rows of the later one's nodes."""
+    begins: int
+    """The first of these after a loss."""
     limit: float
     """Sigmas from which a relative pose contradicts it."""
 
-    def window(self, pose: Array) -> tuple[float, float]:
-        """Metres and radians to each side of a later session's pose (3,) that it allows."""
-        metres, _, angle = self.limit * np.sqrt(self.variances)
-        lever = 2.0 * np.hypot(*(pose - self.pose)[:2]) * np.sin(min(angle, np.pi) / 2.0)
-        return float(metres + lever), float(angle)
+    def window(self, at: Array) -> tuple[float, float]:
+        """Metres and radians by which a place of the later session, at a pose (3,), may be off."""
+        covariance = self._covariance(at, at)
+        metres = self.limit * np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[1])
+        angle = self.limit * np.sqrt(covariance[2, 2])
+        apart = np.hypot(*(at - self.drift.poses[self.begins])[:2])
+        return float(metres + 2.0 * apart * np.sin(min(angle, np.pi) / 2.0)), float(angle)
 
-    def allows(self, move: Array) -> bool:
-        """Whether the later session's frame may lie at `move` (3,) in the earlier one's."""
-        apart = between_planar(self.pose, compose_planar(move, self.pose))
-        return bool((apart**2 / self.variances).sum() <= self.limit**2)
+    def allows(self, move: Array, at: Array) -> bool:
+        """Whether the later session's frame may lie at `move` (3,) in the earlier one's, as a place
+        at a pose (3,) of the later one's shows.
+        """
+        begins = self.drift.poses[self.begins]
+        covariance = self._covariance(at, compose_planar(move, at))
+        apart = between_planar(begins, compose_planar(move, begins))
+        return bool(apart @ np.linalg.solve(covariance, apart) <= self.limit**2)
+
+    def _covariance(self, later: Array, earlier: Array) -> Array:
+        """(3, 3) of where the later session begins, in its own frame, by a place that lies at a
+        pose (3,) in each: what both drifted from there to the loss, and the loss.
+        """
+        ways = [self._nearest(self.later, later), self._nearest(self.earlier, earlier)]
+        found = self.drift.covariances(np.array(ways), np.full(2, self.begins))
+        return np.asarray(found.sum(axis=0))
+
+    def _nearest(self, rows: Index, pose: Array) -> int:
+        off = self.drift.poses[rows, :2] - pose[:2]
+        return int(rows[np.argmin(np.hypot(off[:, 0], off[:, 1]))])
 
 
 def locate_session(
@@ -144,7 +170,7 @@ def _move_by_place(
         if pose is None:
             return None
         move = compose_planar(pose, invert_planar(at))
-        if prior.allows(move):
+        if prior.allows(move, at):
             return move
         pose = earlier.whole.find_other(place, pose)
     return None
@@ -190,7 +216,7 @@ def _elsewhere(
             for back, there in _other_moves(later, earlier, invert_planar(best.move), best.earlier)
         ),
     ):
-        if prior is None or prior.allows(move):
+        if prior is None or prior.allows(move, about):
             yield judge_pose(earlier, later, move, about)
 
 

@@ -62,12 +62,11 @@ def recognise(
         # Those that join what a loss of tracking divides, two sessions after the other: each lies
         # as its closures hold it, and those that are joined are one.
         stored, apart = store.constraints(), set[Pair]()
-        losses = [c for c in stored if c.is_tracking_loss]
         while (session := joined_sessions(loaded, found)).any():
             draft = solve_draft_of(store, config, [*stored, *found])
             nodes = nodes_at(loaded, draft.poses, None, draft.constraints)
             nodes = replace(nodes, session=session)
-            joining = session_closures(nodes, losses, config, progress, apart)
+            joining = session_closures(nodes, config, progress, apart)
             if not joining:
                 break
             found += joining

@@ -135,7 +135,7 @@ def test_half_a_turn_is_none_where_the_loss_was_too_short_for_it() -> None:
     """Of two poses that look alike one lies 6 m and half a turn from where the path ended."""
     nodes, _ = carried(HALL, AND_BACK, STRAIGHT)
     for sigma, is_found in ((5.0, False), (0.5, True)):
-        prior = after_loss(nodes, np.array([4.0, 4.0, sigma**2]))
+        prior = after_loss(nodes, np.array([9.0, 9.0, sigma**2]))
         move = located(HALL, AND_BACK, STRAIGHT, prior=prior)
         assert (move is not None) == is_found
         if move is not None:

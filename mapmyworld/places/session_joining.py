@@ -46,6 +46,8 @@ class Hypothesis:
     """Node -> the pose (3,) in the earlier session's map at which its place in the later one fits
     best, within what both drifted.
     """
+    prior: float = 0.0
+    """Log density, in nats, of what leads there, less that where it is largest."""
 
     @property
     def log_odds(self) -> float:
@@ -53,7 +55,8 @@ class Hypothesis:
 
         Both sessions report of what they share, so that each counts half.
         """
-        return 0.5 * (_log_odds(self.later.values()) + _log_odds(self.earlier.values()))
+        seen = _log_odds(self.later.values()) + _log_odds(self.earlier.values())
+        return 0.5 * seen + self.prior
 
     def is_same(self, other: Hypothesis) -> bool:
         """Whether places that speak for both relative poses lie at one pose, whichever is taken."""
@@ -61,10 +64,12 @@ class Hypothesis:
         return bool(speak) and all(are_one(self.poses[k], other.poses[k], ANOTHER) for k in speak)
 
     def refutes(self, other: Hypothesis) -> float:
-        """Points by which all places contradict another pose more than this one."""
+        """Points by which another pose is less likely: as all places contradict it more than this
+        one, and as less leads there.
+        """
         later = [one.refutes(other.later[k]) for k, one in self.later.items()]
         earlier = [one.refutes(other.earlier[k]) for k, one in self.earlier.items()]
-        return 0.5 * (_together(later) + _together(earlier))
+        return 0.5 * (_together(later) + _together(earlier)) + (self.prior - other.prior) / NATS
 
 
 def _together(places: Sequence[float]) -> float:
@@ -104,14 +109,18 @@ class LossPrior:
         apart = np.hypot(*(at - self.drift.poses[self.begins])[:2])
         return float(metres + 2.0 * apart * np.sin(min(angle, np.pi) / 2.0)), float(angle)
 
-    def allows(self, move: Array, at: Array) -> bool:
-        """Whether the later session's frame may lie at `move` (3,) in the earlier one's, as a place
-        at a pose (3,) of the later one's shows.
+    def log(self, move: Array, at: Array) -> float:
+        """Log density, in nats, of the later session's frame at `move` (3,) in the earlier one's,
+        less that where it is largest, as a place at a pose (3,) of the later one's shows.
         """
         begins = self.drift.poses[self.begins]
         covariance = self._covariance(at, compose_planar(move, at))
         apart = between_planar(begins, compose_planar(move, begins))
-        return bool(apart @ np.linalg.solve(covariance, apart) <= self.limit**2)
+        return -0.5 * float(apart @ np.linalg.solve(covariance, apart))
+
+    def allows(self, move: Array, at: Array) -> bool:
+        """Whether it is near enough."""
+        return self.log(move, at) >= -0.5 * self.limit**2
 
     def _covariance(self, later: Array, earlier: Array) -> Array:
         """(3, 3) of where the later session begins, in its own frame, by a place that lies at a
@@ -137,7 +146,7 @@ def locate_session(
         move = _move_by_place(earlier, later, spot, prior)
         if move is None or any(_is_same(move, other.move, at) for other in tried):
             continue
-        tried.append(judge_pose(earlier, later, move, at))
+        tried.append(judge_pose(earlier, later, move, at, prior))
         odds = tried[-1].log_odds
         decided("join", f"session at {move.round(2)}: log odds {odds:.0f}, needed {needed:.0f}")
     best = max(tried, key=lambda one: one.log_odds, default=None)
@@ -177,8 +186,9 @@ def _move_by_place(
 
 
 def judge_pose(
-    earlier: SessionPlaces, later: SessionPlaces, move: Array, about: Array
-) -> Hypothesis:
+    earlier: SessionPlaces, later: SessionPlaces, move: Array, about: Array,
+    prior: LossPrior | None = None,
+) -> Hypothesis:  # fmt: skip
     """Odds of the later frame (3,) in the earlier one, found from a place at `about` (3,) in it.
 
     Every place may be off by what the sessions drifted since the one that was found.
@@ -190,6 +200,7 @@ def judge_pose(
         {k: agreement for k, (_, agreement) in found.items()},
         {k: agreement for k, (_, agreement) in _reports(later, earlier, back, there).items()},
         {k: pose for k, (pose, _) in found.items()},
+        0.0 if prior is None else prior.log(move, about),
     )
 
 
@@ -217,7 +228,7 @@ def _elsewhere(
         ),
     ):
         if prior is None or prior.allows(move, about):
-            yield judge_pose(earlier, later, move, about)
+            yield judge_pose(earlier, later, move, about, prior)
 
 
 def _other_moves(

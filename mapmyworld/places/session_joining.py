@@ -119,7 +119,7 @@ class LossPrior:
         return -0.5 * float(apart @ np.linalg.solve(covariance, apart))
 
     def allows(self, move: Array, at: Array) -> bool:
-        """Whether it is near enough."""
+        """Whether a frame at `move` (3,) is near enough, as a place at a pose (3,) shows."""
         return self.log(move, at) >= -0.5 * self.limit**2
 
     def _covariance(self, later: Array, earlier: Array) -> Array:

@@ -256,3 +256,25 @@ def test_a_robot_that_turns_a_corner_was_not_carried_to_the_one_before() -> None
     recording = simulate("hall", seed=7, laps=1, settings=settings)
     built = build(MemoryLog(list(recording.messages())))
     assert not any(c.is_relocalised for c in built.map.constraints())
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_odometry_that_nothing_shows_is_in_doubt_where_most_sections_have_faults(
+    times: int,
+) -> None:
+    """Carried back so many times, then blind for the rest of the way."""
+    paths, believed = [LEFT] * (times + 2), [LEFT]
+    for _ in paths[1:]:
+        begins = compose_planar(believed[-1][-1], [0.0, 0.0, np.radians(40.0)])
+        believed.append(compose_planar(begins, between_planar(LEFT[0], LEFT)))
+    nodes, constraints = driven(np.concatenate(paths), np.concatenate(believed), WALLS)
+    alone = {len(LEFT) * k for k in range(1, times + 2)}
+    nodes = replace(nodes, sees=nodes.ids <= max(alone))
+    constraints = [
+        replace(c, source=LaserTracking("odometry only" if c.from_id in alone else "matched", 0.9))
+        for c in constraints
+    ]
+    judged = refuted_odometry(nodes, constraints, CONFIG)
+    expected = [Why.REFUTED] * times + [Why.FAULTS] * (times > 1)
+    assert [c.verdicts[-1].why for c in judged if c.is_superseded] == expected
+    assert [c.from_id for c in judged if c.is_doubted] == [max(alone)] * (times > 1)

@@ -70,21 +70,30 @@ def refuted_odometry(
 ) -> list[Judged]:
     """The constraints; a refuted motion gives way to one by scans, or to a tracking loss.
 
-    One that is in doubt keeps its measure, and is as uncertain as a fault is large.
+    One that is in doubt keeps its measure, and is as uncertain as a fault is large. So does one of
+    which nothing that is seen afterwards speaks, where a fault is likelier than none: by the share
+    of faults among the others and one that is right.
     """
     sections = list(_sections(nodes, constraints, config.places.laser_spacing))
     poses, start, anew = nodes.poses.copy(), 0, list[Judged]()
     refuted: dict[int, Verdict] = {}
+    undecided, faults, right = list[Judged](), 0, 0
     ends = [*(section.first for section in sections[1:]), len(nodes.ids) - 1]
     for section, end in zip(sections, ends, strict=False):
         found = _refutation(replace(nodes, poses=poses), section, start, end, config)
+        first = section.motions[0]
         if found is None:
+            undecided.append(first)
             continue
-        first, (verdict, match) = section.motions[0], found
+        verdict, match = found
+        if verdict is None:
+            right += 1
+            continue
         refuted[first.to_id] = verdict
         if verdict.why is Why.DOUBTED:
             anew.append(in_doubt(first, True))
             continue
+        faults += 1
         if match is None:
             start = section.last
             lost = LaserTracking("lost", 0.0, lost=True)
@@ -96,11 +105,15 @@ def refuted_odometry(
         there = compose_planar(poses[section.first], match.pose)
         moved = compose_planar(there, invert_planar(onward))
         poses[begins:] = compose_planar(moved, between_planar(poses[begins], poses[begins:]))
+    if faults > right + 1:
+        shown = {"faults": float(faults), "sections": float(faults + right)}
+        refuted |= {c.to_id: Verdict(Judge.LASER, False, Why.FAULTS, shown) for c in undecided}
+        anew += [in_doubt(c, True) for c in undecided]
     judged = [
         c.judged(refuted[c.to_id]) if _is_motion(c) and c.to_id in refuted else c
         for c in constraints
     ]
-    return [*judged, *anew]
+    return [*judged, *sorted(anew, key=lambda c: c.to_id)]
 
 
 def is_unsupported(c: Judged) -> bool:
@@ -134,10 +147,12 @@ def _sections(
 
 def _refutation(
     nodes: LaserNodes, section: Section, start: int, end: int, config: Config
-) -> tuple[Verdict, Match | None] | None:
-    """What refutes a section's odometry; nodes from row `start` on and up to `end` are known.
+) -> tuple[Verdict | None, Match | None] | None:
+    """What refutes a section's odometry, None where it is right; nodes from row `start` on and up
+    to `end` are known.
 
     And the match of the node after in the one before's frame: None where two poses are as likely.
+    Nothing at all where what is seen afterwards does not show it.
     """
     before, after = _around(nodes, section, start, end, config.places.laser_submap)
     if not len(before) or not len(after):
@@ -148,13 +163,14 @@ def _refutation(
     agreement = known.best_about(place, odometry, *_window(section))[1]
     there = _Candidate(agreement, 0.0, odometry)
     tried = _candidates(known, place, odometry, config.threads)
+    no_fault = (None, None) if agreement.log_odds >= NATS * MARGIN else None
     if not tried:
-        return None
+        return no_fault
     best = tried[0]
     needed = max(agreement.known_odds, 0.0) + FAULT_ODDS + NATS * needed_evidence(*_WINDOW)
     if best.log_odds <= needed:
         likelier = [one for one in tried if one.beyond(there) >= MARGIN]
-        return (likelier[0].verdict(Why.DOUBTED, odometry), None) if likelier else None
+        return (likelier[0].verdict(Why.DOUBTED, odometry), None) if likelier else no_fault
     verdict = best.verdict(Why.REFUTED, odometry)
     others = [o for o in tried if not are_one(best.pose, o.pose, APART)]
     if any(best.beyond(o) < MARGIN for o in others):

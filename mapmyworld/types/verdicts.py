@@ -39,6 +39,7 @@ class Why(StrEnum):
     CORRECTED = "corrected by images"
     REFUTED = "refuted by scans"
     DOUBTED = "doubted by scans"
+    FAULTS = "faults elsewhere"
     CONFIRMED = "confirmed by closures"
     ACCEPTED_BY_HAND = "accepted by hand"
     REJECTED_BY_HAND = "rejected by hand"
@@ -57,6 +58,7 @@ SUPERSEDING = frozenset(
         Why.CORRECTED,
         Why.REFUTED,
         Why.DOUBTED,
+        Why.FAULTS,
         Why.CONFIRMED,
         Why.MEASURED_ANEW,
         Why.CARRIED_OVER,

@@ -86,8 +86,8 @@ def with_loss(nodes: LaserNodes, variances: Array) -> LaserNodes:
 
 def after_loss(nodes: LaserNodes, variances: Array) -> LossPrior:
     """Of the second session, by a loss of such variances (3,)."""
-    earlier, later = (np.flatnonzero(nodes.session == k) for k in (0, 1))
-    return LossPrior(with_loss(nodes, variances).drift, earlier, later, int(later[0]), 4.0)
+    maps = [SessionPlaces(nodes, np.flatnonzero(nodes.session == k), CONFIG) for k in (0, 1)]
+    return LossPrior(with_loss(nodes, variances).drift, *maps, 4.0)
 
 
 def located(walls: Array, *paths: Array, prior: LossPrior | None = None) -> Array | None:

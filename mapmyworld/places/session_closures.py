@@ -42,9 +42,7 @@ def session_closures(
             pair = _pair(earlier, later)
             if pair in apart:
                 continue
-            begins = int(later.rows[later.rows > earlier.rows[0]][0])
-            prior = LossPrior(drift, earlier.rows, later.rows, begins, limit)
-            found = _joined(earlier, later, prior, config)
+            found = _joined(earlier, later, LossPrior(drift, earlier, later, limit), config)
             if any(c.accepted for c in found):
                 return found
             apart.add(pair)

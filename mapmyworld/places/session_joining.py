@@ -16,7 +16,7 @@ from itertools import chain
 import numpy as np
 
 from mapmyworld.decisions import decided
-from mapmyworld.geometry import Array, Index
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -92,14 +92,16 @@ class LossPrior:
     """
 
     drift: NodeDrift
-    earlier: Index
-    """(R,) rows of the earlier session's nodes."""
-    later: Index
-    """(K,) rows of the later one's nodes."""
-    begins: int
-    """The first of these after a loss."""
+    earlier: SessionPlaces
+    later: SessionPlaces
     limit: float
     """Sigmas from which a relative pose contradicts it."""
+
+    @property
+    def begins(self) -> int:
+        """Row of the later session's first node after a loss."""
+        rows = self.later.rows
+        return int(rows[rows > self.earlier.rows[0]][0])
 
     def window(self, at: Array) -> tuple[float, float]:
         """Metres and radians by which a place of the later session, at a pose (3,), may be off."""
@@ -126,13 +128,9 @@ class LossPrior:
         """(3, 3) of where the later session begins, in its own frame, by a place that lies at a
         pose (3,) in each: what both drifted from there to the loss, and the loss.
         """
-        ways = [self._nearest(self.later, later), self._nearest(self.earlier, earlier)]
-        found = self.drift.covariances(np.array(ways), np.full(2, self.begins))
+        ways = np.array([self.later.nearest(later), self.earlier.nearest(earlier)])
+        found = self.drift.covariances(ways, np.full(2, self.begins))
         return np.asarray(found.sum(axis=0))
-
-    def _nearest(self, rows: Index, pose: Array) -> int:
-        off = self.drift.poses[rows, :2] - pose[:2]
-        return int(rows[np.argmin(np.hypot(off[:, 0], off[:, 1]))])
 
 
 def locate_session(

@@ -81,12 +81,15 @@ class SessionPlaces:
 
     def windows(self, about: Array) -> dict[int, tuple[float, float]]:
         """Metres and radians by which each of the places may be off, as seen from a pose (3,)."""
-        off = self.nodes.poses[self.rows, :2] - about[:2]
-        nearest = self.rows[np.argmin(np.hypot(off[:, 0], off[:, 1]))]
         spots = np.array(list(self.places), np.int64)
-        drift = self.nodes.drift.reach(np.full(len(spots), nearest), spots)
+        drift = self.nodes.drift.reach(np.full(len(spots), self.nearest(about)), spots)
         metres, radians = np.minimum(SETTLED + drift, SLACK).T.tolist()
         return dict(zip(self.places, zip(metres, radians, strict=True), strict=True))
+
+    def nearest(self, pose: Array) -> int:
+        """Row of its node nearest to a pose (3,)."""
+        off = self.nodes.poses[self.rows, :2] - pose[:2]
+        return int(self.rows[np.argmin(np.hypot(off[:, 0], off[:, 1]))])
 
     def _apart(self, among: list[int], size: float) -> list[int]:
         """Those of these nodes that lie so many halves of a submap from all chosen before."""

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import ctypes
 
-_MOST_ARENAS = -8  # glibc's M_ARENA_MAX
-
 
 def share_one_heap() -> None:
     """All threads take memory from one heap, from now on.
 
     glibc gives each thread its own, up to eight a core, and what one has freed no other may use.
     """
-    limit = getattr(ctypes.CDLL(None), "mallopt", None)  # musl and macOS have none
-    if limit is not None:
-        limit(_MOST_ARENAS, 1)
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # musl and macOS have none
+    if mallopt is not None:
+        mallopt(-8, 1)  # M_ARENA_MAX
 
 
 def give_back() -> None:

@@ -87,7 +87,7 @@ def with_loss(nodes: LaserNodes, variances: Array) -> LaserNodes:
 def after_loss(nodes: LaserNodes, variances: Array) -> LossPrior:
     """Of the second session, by a loss of such variances (3,)."""
     maps = [SessionPlaces(nodes, np.flatnonzero(nodes.session == k), CONFIG) for k in (0, 1)]
-    return LossPrior(with_loss(nodes, variances).drift, *maps, 4.0)
+    return LossPrior(with_loss(nodes, variances).drift, *maps)
 
 
 def located(walls: Array, *paths: Array, prior: LossPrior | None = None) -> Array | None:

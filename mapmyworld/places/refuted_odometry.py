@@ -70,14 +70,13 @@ def refuted_odometry(
 ) -> list[Judged]:
     """The constraints; a refuted motion gives way to one by scans, or to a tracking loss.
 
-    One that is in doubt keeps its measure, and is as uncertain as a fault is large. So does one of
-    which nothing that is seen afterwards speaks, where a fault is likelier than none: by the share
+    One that is in doubt keeps its measure, and is as uncertain as a fault is large. So is one that
+    nothing seen afterwards confirms or refutes, where a fault is likelier than none: by the share
     of faults among the others and one that is right.
     """
     sections = list(_sections(nodes, constraints, config.places.laser_spacing))
-    poses, start, anew = nodes.poses.copy(), 0, list[Judged]()
+    poses, start, anew, undecided = nodes.poses, 0, list[Judged](), list[Judged]()
     refuted: dict[int, Verdict] = {}
-    undecided, faults, right = list[Judged](), 0, 0
     ends = [*(section.first for section in sections[1:]), len(nodes.ids) - 1]
     for section, end in zip(sections, ends, strict=False):
         found = _refutation(replace(nodes, poses=poses), section, start, end, config)
@@ -87,26 +86,24 @@ def refuted_odometry(
             continue
         verdict, match = found
         if verdict is None:
-            right += 1
             continue
         refuted[first.to_id] = verdict
         if verdict.why is Why.DOUBTED:
             anew.append(in_doubt(first, True))
-            continue
-        faults += 1
-        if match is None:
+        elif match is None:
             start = section.last
             lost = LaserTracking("lost", 0.0, lost=True)
             anew.append(measured_anew(first, first.i_from_j, np.diag(np.square(FAULT_SIZE)), lost))
-            continue
-        begins = int(nodes.ids.searchsorted(first.to_id))
-        onward = between_planar(poses[begins], poses[section.last])
-        anew.append(_relocalised(first, match, onward))
-        there = compose_planar(poses[section.first], match.pose)
-        moved = compose_planar(there, invert_planar(onward))
-        poses[begins:] = compose_planar(moved, between_planar(poses[begins], poses[begins:]))
-    if faults > right + 1:
-        shown = {"faults": float(faults), "sections": float(faults + right)}
+        else:
+            begins = int(nodes.ids.searchsorted(first.to_id))
+            anew.append(
+                _relocalised(first, match, between_planar(poses[begins], poses[section.last]))
+            )
+            poses = _moved_to(poses, section, begins, match)
+    faults = sum(verdict.why is Why.REFUTED for verdict in refuted.values())
+    decided = faults + len(sections) - len(refuted) - len(undecided)
+    if 2 * faults > decided + 1:
+        shown = {"faults": float(faults), "sections": float(decided)}
         refuted |= {c.to_id: Verdict(Judge.LASER, False, Why.FAULTS, shown) for c in undecided}
         anew += [in_doubt(c, True) for c in undecided]
     judged = [
@@ -114,6 +111,15 @@ def refuted_odometry(
         for c in constraints
     ]
     return [*judged, *sorted(anew, key=lambda c: c.to_id)]
+
+
+def _moved_to(poses: Array, section: Section, begins: int, match: Match) -> Array:
+    """(N, 3) poses (N, 3), those from row `begins` on moved so that the section ends at its match
+    in the frame of the node before it.
+    """
+    there = compose_planar(poses[section.first], match.pose)
+    rest = compose_planar(there, between_planar(poses[section.last], poses[begins:]))
+    return np.concatenate([poses[:begins], rest])
 
 
 def is_unsupported(c: Judged) -> bool:

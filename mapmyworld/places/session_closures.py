@@ -34,7 +34,7 @@ def session_closures(
     """
     numbers = np.unique(nodes.session)
     maps = [SessionPlaces(nodes, np.flatnonzero(nodes.session == n), config) for n in numbers]
-    drift, limit = replace(nodes.drift, faults=True), config.odometry.contradiction
+    drift = replace(nodes.drift, faults=True)
     progress.stage("join sessions", len(maps), "sessions")
     for k, later in enumerate(maps):
         progress.update(k)
@@ -42,7 +42,7 @@ def session_closures(
             pair = _pair(earlier, later)
             if pair in apart:
                 continue
-            found = _joined(earlier, later, LossPrior(drift, earlier, later, limit), config)
+            found = _joined(earlier, later, LossPrior(drift, earlier, later), config)
             if any(c.accepted for c in found):
                 return found
             apart.add(pair)

@@ -94,8 +94,11 @@ class LossPrior:
     drift: NodeDrift
     earlier: SessionPlaces
     later: SessionPlaces
-    limit: float
-    """Sigmas from which a relative pose contradicts it."""
+
+    @property
+    def limit(self) -> float:
+        """Sigmas from which a relative pose contradicts it."""
+        return self.later.config.odometry.contradiction
 
     @property
     def begins(self) -> int:

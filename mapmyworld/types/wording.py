@@ -60,8 +60,8 @@ _VERDICTS: Mapping[Why, str] = {
     "where odometry does",
     Why.DOUBTED: "odometry in doubt: scans fit better {metres:.2f} m and {degrees:.0f} deg from "
     "where it places the robot",
-    Why.FAULTS: "odometry in doubt: no scan shows it, and {faults:.0f} of {sections:.0f} sections "
-    "of odometry alone have faults",
+    Why.FAULTS: "odometry in doubt: no scan confirms it, and {faults:.0f} of {sections:.0f} other "
+    "sections by odometry alone are faults",
     Why.CONFIRMED: "odometry no longer in doubt: closures fit without a fault",
     Why.ACCEPTED_BY_HAND: "by hand: accepted: {note}",
     Why.REJECTED_BY_HAND: "by hand: rejected: {note}",
